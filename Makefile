@@ -1,0 +1,5 @@
+# The two commands of the README, and what maintainers use.
+.PHONY: test
+test:
+	./bootstrap.sh
+	cargo test

@@ -1,0 +1,25 @@
+//! curlsmoke renders procedural smoke: curl-noise particles, splatted into a sparse density grid, lit by an unbiased
+//! volumetric path tracer.
+//!
+//! Data flows left to right, and a module imports only from modules to its left:
+//!
+//! ```text
+//! math · progress | scene → geometry → flow → particles → grid → render → output | error → pipeline → cli → main
+//! ```
+
+pub mod math;
+pub mod progress;
+
+pub mod scene;
+
+pub mod geometry;
+
+pub mod flow;
+
+pub mod particles;
+
+pub mod grid;
+
+pub mod render;
+
+pub mod output;

@@ -1,0 +1,1 @@
+//! Smooth steps with their derivatives, and interpolation weights.

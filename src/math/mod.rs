@@ -1,0 +1,10 @@
+//! Shared vocabulary of the stages; knows neither smoke nor light.
+
+pub mod aabb;
+pub mod hash;
+pub mod interpolate;
+pub mod jet;
+pub mod lattice;
+pub mod real;
+pub mod space;
+pub mod statistics;

@@ -1,0 +1,114 @@
+//! What the formulas of geometry and flow ask of a number, so that each is written once and evaluated on scalars, on
+//! SIMD lanes and on jets (values that carry their derivatives).
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// A number, or several numbers side by side, that the field operations act on.
+///
+/// There is no free-standing constant: SIMD numbers can only be made where the processor's features are known, so a
+/// constant is made from a number at hand with [`Real::lit`].
+pub trait Real:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// The constant `x`, of the same kind as `self`.
+    fn lit(self, x: f64) -> Self;
+    /// The non-negative square root of a non-negative number.
+    fn sqrt(self) -> Self;
+    /// The absolute value.
+    fn abs(self) -> Self;
+    /// The smaller one.
+    fn min(self, other: Self) -> Self;
+    /// The larger one.
+    fn max(self, other: Self) -> Self;
+    /// `self · a + b`, with one rounding where the hardware has it.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// `then` where `self < bound`, `otherwise` elsewhere.
+    fn select_lt(self, bound: Self, then: Self, otherwise: Self) -> Self;
+    /// `self` cut to `[low, high]`.
+    fn clamp(self, low: Self, high: Self) -> Self {
+        self.max(low).min(high)
+    }
+    /// `self²`.
+    fn squared(self) -> Self {
+        self * self
+    }
+}
+
+/// A [`Real`] that is a fixed number of plain numbers side by side: a scalar, or a SIMD register.
+pub trait Lane: Real {
+    /// How many numbers.
+    const WIDTH: usize;
+    /// Number `i`, `i < WIDTH`.
+    fn lane(self, i: usize) -> f64;
+    /// Numbers `f(0), f(1), …`, of the same kind as `self`: the way to look something up for each lane.
+    fn gather(self, f: impl FnMut(usize) -> f64) -> Self;
+}
+
+macro_rules! scalar {
+    ($t:ty) => {
+        impl Real for $t {
+            #[inline(always)]
+            fn lit(self, x: f64) -> Self {
+                x as $t
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                <$t>::sqrt(self)
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                <$t>::abs(self)
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                if self > other { self } else { other }
+            }
+            #[inline(always)]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                // The hardware instruction is not in the baseline; the library call would cost fifty times more.
+                self * a + b
+            }
+            #[inline(always)]
+            fn select_lt(self, bound: Self, then: Self, otherwise: Self) -> Self {
+                if self < bound { then } else { otherwise }
+            }
+        }
+
+        impl Lane for $t {
+            const WIDTH: usize = 1;
+            #[inline(always)]
+            fn lane(self, _: usize) -> f64 {
+                f64::from(self)
+            }
+            #[inline(always)]
+            fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
+                f(0) as $t
+            }
+        }
+    };
+}
+
+scalar!(f32);
+scalar!(f64);
+
+/// Scalar product of two triples.
+#[inline(always)]
+pub fn dot<R: Real>(a: [R; 3], b: [R; 3]) -> R {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// Euclidean length of a triple.
+#[inline(always)]
+pub fn length<R: Real>(a: [R; 3]) -> R {
+    dot(a, a).sqrt()
+}
+
+/// Vector product of two triples.
+#[inline(always)]
+pub fn cross<R: Real>(a: [R; 3], b: [R; 3]) -> [R; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}

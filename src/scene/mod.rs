@@ -1,0 +1,3 @@
+//! What a scene file says, as plain data.
+
+pub mod settings;
