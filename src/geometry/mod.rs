@@ -1,1 +1,4 @@
-//! (under construction)
+//! Shapes: distances and hits.
+
+pub mod primitive;
+pub mod sdf;

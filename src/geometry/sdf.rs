@@ -1,0 +1,213 @@
+//! Signed distances of all kinds of solids, and where they stand in the world.
+
+use crate::geometry::primitive::Primitive;
+use crate::math::aabb::Aabb;
+use crate::math::jet::Jet;
+use crate::math::real::{Lane, Real};
+use crate::math::space::{Similarity, WorldPoint};
+use glam::{DMat3, Vec3};
+
+/// The signed distance of a solid in its own space.
+#[derive(Debug, Clone)]
+pub enum Sdf {
+    /// By a formula, exact.
+    Primitive(Primitive),
+}
+
+impl Sdf {
+    /// Signed distance [m], negative inside.
+    #[inline(always)]
+    pub fn distance<L: Lane>(&self, p: [L; 3]) -> L {
+        match self {
+            Self::Primitive(primitive) => primitive.distance(p),
+        }
+    }
+
+    /// Signed distance [m] with its gradient and Hessian.
+    #[inline(always)]
+    pub fn jet<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
+        match self {
+            Self::Primitive(primitive) => primitive.distance(Jet::point(p)),
+        }
+    }
+
+    /// A box that holds the solid, or `None` where it has no end.
+    pub fn bounds(&self) -> Option<Aabb> {
+        match self {
+            Self::Primitive(primitive) => primitive.bounds(),
+        }
+    }
+}
+
+/// A solid placed in the world. Distances and derivatives are those of world space.
+#[derive(Debug, Clone)]
+pub struct PlacedSdf {
+    sdf: Sdf,
+    placement: Similarity,
+    /// Columns are the own space's axes in the world; `f64` so that the scalar truth is no coarser than its lanes.
+    rotation: DMat3,
+    /// Most shapes are not turned, and turning a Hessian costs more than most distances.
+    is_turned: bool,
+    bounds: Option<Aabb>,
+}
+
+impl PlacedSdf {
+    /// The solid `sdf`, scaled, turned and moved by `placement`.
+    pub fn new(sdf: Sdf, placement: Similarity) -> Self {
+        let rotation = DMat3::from_quat(placement.rotation.as_dquat().normalize());
+        let bounds = sdf.bounds().map(|b| {
+            let corners = (0..8).map(|i| Vec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), b.max, b.min));
+            let loose = Aabb::from_points(corners.map(|c| placement.point_to_world(c).0));
+            // The corners are rounded; a box may be larger than it must.
+            loose.dilated(loose.size().max_element().max(loose.max.abs().max_element()) * 1e-6)
+        });
+        Self { sdf, placement, rotation, is_turned: rotation != DMat3::IDENTITY, bounds }
+    }
+
+    /// The solid in its own space.
+    pub fn sdf(&self) -> &Sdf {
+        &self.sdf
+    }
+
+    /// Where it stands.
+    pub fn placement(&self) -> &Similarity {
+        &self.placement
+    }
+
+    /// A world-space box that holds the solid, or `None` where it has no end.
+    pub fn bounds(&self) -> Option<Aabb> {
+        self.bounds
+    }
+
+    /// Middle of the bounds; of an endless solid, where its own origin stands.
+    pub fn center(&self) -> WorldPoint {
+        WorldPoint(self.bounds.map_or(self.placement.translation, |b| b.center()))
+    }
+
+    /// Half the longest edge of the bounds [m]; infinite for an endless solid.
+    pub fn bounding_radius(&self) -> f32 {
+        self.bounds.map_or(f32::INFINITY, |b| 0.5 * b.size().max_element())
+    }
+
+    /// Signed distance [m] of a world-space point, negative inside.
+    #[inline(always)]
+    pub fn distance<L: Lane>(&self, p: [L; 3]) -> L {
+        let scale = p[0].lit(f64::from(self.placement.scale));
+        self.sdf.distance(self.to_local(p)) * scale
+    }
+
+    /// Signed distance [m] of a world-space point with its gradient (outward, of length 1 for primitives) and
+    /// Hessian [1/m].
+    #[inline(always)]
+    pub fn jet<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
+        let local = self.sdf.jet(self.to_local(p));
+        let scale = p[0].lit(f64::from(self.placement.scale));
+        let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
+        let (value, g, h) = (local.value * scale, local.gradient, local.hessian.map(|x| x * inverse));
+        if !self.is_turned {
+            return Jet { value, gradient: g, hessian: h };
+        }
+        let rows: [[L; 3]; 3] = std::array::from_fn(|i| self.rotation.row(i).to_array().map(|x| p[0].lit(x)));
+        let along = |row: [L; 3], v: [L; 3]| row[0] * v[0] + row[1] * v[1] + row[2] * v[2];
+        // R H Rᵀ, row by row.
+        let half = rows.map(|row| {
+            [along(row, [h[0], h[3], h[4]]), along(row, [h[3], h[1], h[5]]), along(row, [h[4], h[5], h[2]])]
+        });
+        let second = |i: usize, j: usize| along(half[i], rows[j]);
+        Jet {
+            value,
+            gradient: rows.map(|row| along(row, g)),
+            hessian: [second(0, 0), second(1, 1), second(2, 2), second(0, 1), second(0, 2), second(1, 2)],
+        }
+    }
+
+    #[inline(always)]
+    fn to_local<R: Real>(&self, p: [R; 3]) -> [R; 3] {
+        let t = self.placement.translation.as_dvec3().to_array();
+        let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
+        let v: [R; 3] = std::array::from_fn(|i| (p[i] - p[i].lit(t[i])) * inverse);
+        if !self.is_turned {
+            return v;
+        }
+        std::array::from_fn(|i| {
+            let axis = self.rotation.col(i).to_array().map(|x| p[0].lit(x));
+            v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2]
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::primitive::{Cuboid, Torus};
+    use crate::math::real::length;
+    use glam::{DVec3, Quat};
+
+    fn placed() -> Vec<PlacedSdf> {
+        let torus = Torus { center: DVec3::ZERO, axis: DVec3::Y, major_radius: 0.5, minor_radius: 0.2 };
+        let cuboid = Cuboid { center: DVec3::X * 0.1, half_size: DVec3::new(0.4, 0.3, 0.6), rounding: 0.1 };
+        let placement = Similarity {
+            scale: 1.7,
+            rotation: Quat::from_axis_angle(Vec3::new(1.0, 2.0, -0.5).normalize(), 0.9),
+            translation: Vec3::new(0.3, -0.2, 0.6),
+        };
+        [Primitive::Torus(torus), Primitive::Cuboid(cuboid)]
+            .into_iter()
+            .flat_map(|p| [placement, Similarity::IDENTITY].map(|at| PlacedSdf::new(Sdf::Primitive(p), at)))
+            .collect()
+    }
+
+    #[test]
+    fn jets_in_the_world_equal_central_differences_in_the_world() {
+        let h = 1e-5;
+        for sdf in placed() {
+            for i in 1..300 {
+                let a = f64::from(i);
+                let p = [(a * 0.71).sin() * 1.5, (a * 1.37).cos() * 1.2, (a * 2.11).sin() * 1.4];
+                let jet = sdf.jet(p);
+                assert_eq!(jet.value, sdf.distance(p));
+                assert!((length(jet.gradient) - 1.0).abs() < 1e-9);
+                for axis in 0..3 {
+                    let moved = |by: f64| {
+                        let mut q = p;
+                        q[axis] += by;
+                        sdf.jet(q)
+                    };
+                    let (up, down) = (moved(h), moved(-h));
+                    if (0..6).any(|k| (up.hessian[k] - down.hessian[k]).abs() > 0.01) {
+                        continue;
+                    }
+                    assert!((jet.gradient[axis] - (up.value - down.value) / (2.0 * h)).abs() < 1e-7);
+                    for j in 0..3 {
+                        let second = (up.gradient[j] - down.gradient[j]) / (2.0 * h);
+                        assert!((jet.second(j, axis) - second).abs() < 1e-5, "{p:?} {j}{axis}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn single_precision_agrees_with_double() {
+        for sdf in placed() {
+            for i in 0..200 {
+                let a = f64::from(i);
+                let p = [(a * 0.71).sin() * 1.5, (a * 1.37).cos() * 1.2, (a * 2.11).sin() * 1.4];
+                let (exact, single) = (sdf.distance(p), sdf.distance(p.map(|x| x as f32)));
+                assert!((exact - f64::from(single)).abs() < 2e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_in_the_world_hold_the_solid() {
+        for sdf in placed() {
+            let bounds = sdf.bounds().expect("finite");
+            for i in 0..5000 {
+                let a = i as f32;
+                let p = Vec3::new((a * 0.71).sin() * 2.0, (a * 1.37).cos() * 2.0, (a * 2.11).sin() * 2.0);
+                assert!(sdf.distance(p.to_array()) > 0.0 || bounds.contains(p));
+            }
+        }
+    }
+}
