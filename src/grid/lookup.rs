@@ -1,0 +1,125 @@
+//! The trilinear read of a density, the hottest function of the renderer.
+
+use crate::grid::{DensityGrid, STORED_EDGE};
+use crate::math::space::{IndexPoint, UnitVec3, WorldPoint};
+use glam::Vec3;
+
+/// A ray in the index space of a grid. The parameter `t` is that of the ray in world space [m].
+#[derive(Debug, Clone, Copy)]
+pub struct IndexRay {
+    origin: Vec3,
+    direction: Vec3,
+}
+
+impl IndexRay {
+    /// The point at `t` [m].
+    #[inline]
+    pub fn at(&self, t: f32) -> IndexPoint {
+        IndexPoint(self.origin + self.direction * t)
+    }
+
+    /// Start of the ray [voxels].
+    pub fn origin(&self) -> Vec3 {
+        self.origin
+    }
+
+    /// Change of position per metre [voxels/m].
+    pub fn direction(&self) -> Vec3 {
+        self.direction
+    }
+}
+
+impl DensityGrid {
+    /// Index coordinates of a world point. They are counted from the low corner of the stored bricks, not from
+    /// [`DensityGrid::origin`], so that they are small and not negative wherever there is density.
+    #[inline]
+    pub fn to_index(&self, p: WorldPoint) -> IndexPoint {
+        IndexPoint((p.0 - self.corner) * self.inverse_voxel_size - 0.5)
+    }
+
+    /// The ray in index space.
+    #[inline]
+    pub fn ray_to_index(&self, origin: WorldPoint, direction: UnitVec3) -> IndexRay {
+        IndexRay { origin: self.to_index(origin).0, direction: direction.as_vec3() * self.inverse_voxel_size }
+    }
+
+    /// The trilinear density at `p`; 0 outside and where `p` is not a number.
+    #[inline]
+    pub fn density_at(&self, p: IndexPoint) -> f32 {
+        let p = p.0;
+        if !(p.cmpge(Vec3::ZERO).all() && p.cmplt(self.extent).all()) {
+            return 0.0;
+        }
+        // Not negative, so truncation is the floor.
+        let cell = [p.x as i32 as usize, p.y as i32 as usize, p.z as i32 as usize];
+        let dims = self.directory.dims();
+        let place = ((cell[2] >> 3) * dims.y as usize + (cell[1] >> 3)) * dims.x as usize + (cell[0] >> 3);
+        let Some(&brick_idx) = self.directory.values().get(place) else { return 0.0 };
+        let Some(brick) = self.bricks.get(brick_idx as usize) else { return 0.0 };
+        let (u, v, w) = (p.x - cell[0] as i32 as f32, p.y - cell[1] as i32 as f32, p.z - cell[2] as i32 as f32);
+        let at = ((cell[2] & 7) * STORED_EDGE + (cell[1] & 7)) * STORED_EDGE + (cell[0] & 7);
+        let along_x = |o: usize| brick[at + o] + (brick[at + o + 1] - brick[at + o]) * u;
+        const ROW: usize = STORED_EDGE;
+        const LAYER: usize = STORED_EDGE * STORED_EDGE;
+        let (near, far) = (along_x(0), along_x(LAYER));
+        let near = near + (along_x(ROW) - near) * v;
+        let far = far + (along_x(LAYER + ROW) - far) * v;
+        near + (far - near) * w
+    }
+
+    /// The trilinear density at a world point.
+    #[inline]
+    pub fn density(&self, p: WorldPoint) -> f32 {
+        self.density_at(self.to_index(p))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::hash::{CounterRng, Seed};
+    use glam::{DVec3, IVec3, UVec3};
+
+    /// Plainly from the definition, in double precision, voxel by voxel.
+    fn reference(grid: &DensityGrid, p: DVec3) -> f64 {
+        let q = (p - grid.origin()) / f64::from(grid.voxel_size()) - 0.5;
+        let cell = q.floor();
+        let f = q - cell;
+        (0..8)
+            .map(|c| {
+                let step = IVec3::new(c & 1, (c >> 1) & 1, c >> 2);
+                let weight = (0..3).map(|a| if step[a] == 1 { f[a] } else { 1.0 - f[a] }).product::<f64>();
+                weight * f64::from(grid.voxel(cell.as_ivec3() + step))
+            })
+            .sum()
+    }
+
+    #[test]
+    fn equals_the_definition_everywhere() {
+        let mut rng = CounterRng::new(Seed(1));
+        let origin = WorldPoint::new(-3.0, 0.7, 12.5);
+        let grid = DensityGrid::from_fn(origin, 0.25, UVec3::new(19, 25, 8), 1 << 24, |p| {
+            (3.0 * p.0.x).sin().max(0.0) + (2.0 * p.0.y).cos().max(0.0) * p.0.z
+        })
+        .unwrap();
+        for _ in 0..100_000 {
+            let r = Vec3::new(rng.uniform(), rng.uniform(), rng.uniform());
+            let p = origin + (r * 1.4 - 0.2) * Vec3::new(19.0, 25.0, 8.0) * 0.25;
+            let (value, expected) = (f64::from(grid.density(p)), reference(&grid, p.0.as_dvec3()));
+            assert!((value - expected).abs() < 1e-3, "{p:?}: {value} {expected}");
+        }
+    }
+
+    #[test]
+    fn nonsense_points_read_zero() {
+        let grid = DensityGrid::from_fn(WorldPoint::default(), 1.0, UVec3::splat(8), 1 << 20, |_| 1.0).unwrap();
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e-30] {
+            assert_eq!(grid.density_at(IndexPoint(Vec3::new(bad, 9.0, 9.0))), 0.0);
+            assert_eq!(grid.density_at(IndexPoint(Vec3::splat(bad))), 0.0);
+        }
+        assert_eq!(grid.density(WorldPoint::new(4.0, 4.0, 4.0)), 1.0);
+        assert_eq!(grid.density(WorldPoint::new(0.0, 4.0, 4.0)), 0.5);
+        assert_eq!(grid.density(WorldPoint::new(8.0, 4.0, 4.0)), 0.5);
+        assert_eq!(grid.density(WorldPoint::new(-0.5, 4.0, 4.0)), 0.0);
+    }
+}
