@@ -4,6 +4,7 @@ pub mod aabb;
 pub mod hash;
 pub mod interpolate;
 pub mod jet;
+pub mod lanes;
 pub mod lattice;
 pub mod real;
 pub mod space;

@@ -34,14 +34,75 @@ pub trait Real:
     }
 }
 
+/// The 32-bit words that go with a [`Lane`], for hashing: all operations are modulo 2^32.
+pub trait Word: Copy {
+    /// The constant `x`, of the same kind as `self`.
+    fn lit(self, x: u32) -> Self;
+    /// Sum.
+    fn add(self, other: Self) -> Self;
+    /// Product.
+    fn mul(self, other: Self) -> Self;
+    /// Exclusive or.
+    fn xor(self, other: Self) -> Self;
+    /// Bitwise and.
+    fn and(self, other: Self) -> Self;
+    /// Shifted to the left by `bits`, below 32.
+    fn shl(self, bits: u32) -> Self;
+    /// Shifted to the right by `bits`, below 32, zeros coming in.
+    fn shr(self, bits: u32) -> Self;
+}
+
+impl Word for u32 {
+    #[inline(always)]
+    fn lit(self, x: u32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.wrapping_add(other)
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self.wrapping_mul(other)
+    }
+    #[inline(always)]
+    fn xor(self, other: Self) -> Self {
+        self ^ other
+    }
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        self & other
+    }
+    #[inline(always)]
+    fn shl(self, bits: u32) -> Self {
+        self << bits
+    }
+    #[inline(always)]
+    fn shr(self, bits: u32) -> Self {
+        self >> bits
+    }
+}
+
 /// A [`Real`] that is a fixed number of plain numbers side by side: a scalar, or a SIMD register.
 pub trait Lane: Real {
+    /// As many 32-bit words.
+    type Word: Word;
     /// How many numbers.
     const WIDTH: usize;
     /// Number `i`, `i < WIDTH`.
     fn lane(self, i: usize) -> f64;
     /// Numbers `f(0), f(1), …`, of the same kind as `self`: the way to look something up for each lane.
     fn gather(self, f: impl FnMut(usize) -> f64) -> Self;
+    /// The largest integers not above.
+    fn floor(self) -> Self;
+    /// Integers as words modulo 2^32; meaningless (but defined) where `|self| ≥ 2^22` or not an integer.
+    fn to_word(self) -> Self::Word;
+    /// The lowest eight bits b of each word as the number (b + ½)/256, exactly; of the same kind as `self`.
+    fn unit8(self, word: Self::Word) -> Self;
+    /// `-self` where the highest bit of the word is set.
+    fn negate_by_top_bit(self, word: Self::Word) -> Self;
+    /// True when any `self < bound`.
+    fn any_lt(self, bound: Self) -> bool;
 }
 
 macro_rules! scalar {
@@ -79,6 +140,7 @@ macro_rules! scalar {
         }
 
         impl Lane for $t {
+            type Word = u32;
             const WIDTH: usize = 1;
             #[inline(always)]
             fn lane(self, _: usize) -> f64 {
@@ -87,6 +149,26 @@ macro_rules! scalar {
             #[inline(always)]
             fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
                 f(0) as $t
+            }
+            #[inline(always)]
+            fn floor(self) -> Self {
+                <$t>::floor(self)
+            }
+            #[inline(always)]
+            fn to_word(self) -> u32 {
+                self as i64 as u32
+            }
+            #[inline(always)]
+            fn unit8(self, word: u32) -> Self {
+                ((word & 0xFF) as $t + 0.5) / 256.0
+            }
+            #[inline(always)]
+            fn negate_by_top_bit(self, word: u32) -> Self {
+                if word >> 31 == 1 { -self } else { self }
+            }
+            #[inline(always)]
+            fn any_lt(self, bound: Self) -> bool {
+                self < bound
             }
         }
     };

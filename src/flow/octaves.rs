@@ -1,0 +1,225 @@
+//! Swirls of many sizes: octaves of noise, each with its length, speed, spin, place and orientation.
+
+use crate::flow::flow_noise::Spin;
+use crate::flow::noise::{NoiseSeed, RMS_SPEED, gradient_noise};
+use crate::flow::potential::Psi;
+use crate::math::hash::{CounterRng, Seed};
+use crate::math::real::Lane;
+use rand_core::Rng;
+
+/// What a noise term is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OctavesSettings {
+    /// Size of the largest swirls [m], > 0.
+    pub length_scale: f64,
+    /// Root mean square speed of the largest swirls [m/s].
+    pub speed: f64,
+    /// Number of sizes.
+    pub octaves: u32,
+    /// Ratio of neighbouring sizes, > 1.
+    pub lacunarity: f64,
+    /// Factor on the speed from one size to the next.
+    pub gain: f64,
+    /// Turns per second of the gradients of the largest swirls.
+    pub spin_rate: f64,
+    /// Velocity of the pattern [m/s].
+    pub scroll: [f64; 3],
+    /// Which pattern.
+    pub seed: Seed,
+}
+
+/// The factor on speed from one octave to the next in Kolmogorov's inertial range, where the speed of swirls of size L
+/// goes as L^(1/3); the potential, speed times length, falls as L^(4/3).
+pub fn kolmogorov_gain(lacunarity: f64) -> f64 {
+    lacunarity.powf(-1.0 / 3.0)
+}
+
+/// Swirls of one size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Octave {
+    length: f64,
+    /// Factor on unit noise [m²/s].
+    amplitude: f64,
+    spin_rate: f64,
+    scroll: [f64; 3],
+    /// Rows: the axes of this octave's lattice.
+    axes: [[f64; 3]; 3],
+    /// Lattice coordinates of the world's origin at time 0.
+    origin: [f64; 3],
+    seed: NoiseSeed,
+}
+
+/// An [`Octave`] over a span of time.
+#[derive(Debug, Clone)]
+pub struct OctaveSpan {
+    octave: Octave,
+    /// Whole and fractional lattice coordinates of the world's origin at the start: only the latter meets f32.
+    cell: [u32; 3],
+    fraction: [f64; 3],
+    /// Of the origin over the span, in lattice units.
+    motion: [f64; 3],
+    spin: Spin<f64>,
+    /// Over the span.
+    turns: f64,
+}
+
+/// The octaves of a noise term, largest first.
+///
+/// Each has a lattice of its own, turned at random and far from the others', so that they are uncorrelated and no
+/// direction is preferred.
+pub fn octaves(settings: &OctavesSettings) -> Vec<Octave> {
+    (0..settings.octaves)
+        .map(|k| {
+            let mut rng = CounterRng::new(settings.seed.derive(u64::from(k)));
+            let frequency = settings.lacunarity.powi(k as i32);
+            let length = settings.length_scale / frequency;
+            let speed = settings.speed * settings.gain.powi(k as i32);
+            Octave {
+                length,
+                amplitude: speed * length / RMS_SPEED,
+                spin_rate: settings.spin_rate * frequency,
+                scroll: settings.scroll,
+                axes: random_axes(&mut rng),
+                origin: std::array::from_fn(|_| f64::from(rng.next_u32() >> 12) + f64::from(rng.uniform())),
+                seed: [rng.next_u32(), rng.next_u32()],
+            }
+        })
+        .collect()
+}
+
+/// A uniformly distributed rotation (Shoemake 1992).
+fn random_axes(rng: &mut CounterRng) -> [[f64; 3]; 3] {
+    let [u, a, b] = std::array::from_fn(|_| f64::from(rng.uniform()));
+    let (near, far) = ((1.0 - u).sqrt(), u.sqrt());
+    let (a, b) = (std::f64::consts::TAU * a, std::f64::consts::TAU * b);
+    let q = glam::DQuat::from_xyzw(near * a.sin(), near * a.cos(), far * b.sin(), far * b.cos()).normalize();
+    glam::DMat3::from_quat(q).to_cols_array_2d()
+}
+
+impl Octave {
+    /// Size of the swirls [m].
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Root mean square speed [m/s].
+    pub fn speed(&self) -> f64 {
+        self.amplitude * RMS_SPEED / self.length
+    }
+
+    /// The octave from `start` [s], lasting `duration` [s].
+    pub fn span(&self, start: f64, duration: f64) -> OctaveSpan {
+        let scroll: [f64; 3] = std::array::from_fn(|j| {
+            let axis = self.axes[j];
+            -(axis[0] * self.scroll[0] + axis[1] * self.scroll[1] + axis[2] * self.scroll[2]) / self.length
+        });
+        let origin: [f64; 3] = std::array::from_fn(|j| self.origin[j] + scroll[j] * start);
+        OctaveSpan {
+            octave: self.clone(),
+            cell: origin.map(|x| x.floor() as i64 as u32),
+            fraction: origin.map(|x| x - x.floor()),
+            motion: scroll.map(|x| x * duration),
+            spin: Spin::from_turns(self.spin_rate * start),
+            turns: self.spin_rate * duration,
+        }
+    }
+}
+
+impl OctaveSpan {
+    /// The octave that this is a span of.
+    pub fn octave(&self) -> &Octave {
+        &self.octave
+    }
+
+    /// The potential at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
+    #[inline(always)]
+    pub fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
+        let octave = &self.octave;
+        let lit = |x: f64| phase.lit(x);
+        let inverse = 1.0 / octave.length;
+        let to_lattice: [[L; 3]; 3] = octave.axes.map(|row| row.map(|x| lit(x * inverse)));
+        let q: [L; 3] = std::array::from_fn(|j| {
+            let moved = lit(self.motion[j]).mul_add(phase, lit(self.fraction[j]));
+            let row = to_lattice[j];
+            row[0].mul_add(p[0], row[1].mul_add(p[1], row[2].mul_add(p[2], moved)))
+        });
+        let spin = Spin::advanced(self.spin, lit(self.turns) * phase);
+        let unit = gradient_noise(q, self.cell, octave.seed, spin);
+        let amplitude = lit(octave.amplitude);
+        let scaled: [[L; 3]; 3] = to_lattice.map(|row| row.map(|x| x * amplitude));
+        Psi {
+            value: unit.value.map(|x| x * amplitude),
+            jacobian: unit.jacobian.map(|row| {
+                std::array::from_fn(|i| {
+                    row[0].mul_add(scaled[0][i], row[1].mul_add(scaled[1][i], row[2] * scaled[2][i]))
+                })
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flow::curl::{central_jacobian, curl};
+
+    fn settings() -> OctavesSettings {
+        OctavesSettings {
+            length_scale: 0.7,
+            speed: 1.3,
+            octaves: 3,
+            lacunarity: 2.0,
+            gain: kolmogorov_gain(2.0),
+            spin_rate: 0.4,
+            scroll: [0.3, -0.2, 0.5],
+            seed: Seed(3),
+        }
+    }
+
+    #[test]
+    fn every_octave_has_the_speed_that_its_gain_says_whatever_the_length() {
+        for (k, octave) in octaves(&settings()).into_iter().enumerate() {
+            let expected = 1.3 * 2f64.powf(-(k as f64) / 3.0);
+            assert!((octave.speed() - expected).abs() < 1e-12);
+            let span = octave.span(1.7, 0.1);
+            let mut rng = CounterRng::new(Seed(8));
+            let n = 60_000;
+            let mean_sq = (0..n)
+                .map(|_| {
+                    let p = std::array::from_fn(|_| f64::from(rng.uniform()) * 2000.0 - 1000.0);
+                    curl(&span.psi(p, 0.5)).iter().map(|x| x * x).sum::<f64>()
+                })
+                .sum::<f64>()
+                / f64::from(n);
+            println!("octave {k}: rms speed {:.4} m/s, wanted {expected:.4}", mean_sq.sqrt());
+            assert!((mean_sq.sqrt() / expected - 1.0).abs() < 0.015);
+        }
+    }
+
+    #[test]
+    fn the_jacobian_is_that_of_the_world() {
+        let octave = &octaves(&settings())[1];
+        let span = octave.span(0.2, 0.1);
+        let p = [0.3f64, 0.1, -2.0];
+        let exact = span.psi(p, 0.3).jacobian;
+        let difference = central_jacobian(|q| span.psi(q, 0.3).value, p, 1e-5);
+        for c in 0..3 {
+            for i in 0..3 {
+                assert!((exact[c][i] - difference[c][i]).abs() < 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn spans_meet_in_time_and_scroll_carries_the_pattern() {
+        let octave = &octaves(&OctavesSettings { spin_rate: 0.0, ..settings() })[0];
+        let p = [0.3f64, 0.1, -2.0];
+        let (a, b) = (octave.span(1.0, 0.5).psi(p, 1.0), octave.span(1.5, 0.5).psi(p, 0.0));
+        let moved = std::array::from_fn(|i| p[i] + 2.0 * [0.3, -0.2, 0.5][i]);
+        let c = octave.span(3.5, 0.1).psi(moved, 0.0);
+        for i in 0..3 {
+            assert!((a.value[i] - b.value[i]).abs() < 1e-5);
+            assert!((b.value[i] - c.value[i]).abs() < 1e-9);
+        }
+    }
+}
