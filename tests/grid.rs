@@ -1,7 +1,8 @@
 //! Properties of density grids: bounds that bound, walks that end, reads that agree with the definition.
 
-use curlsmoke::grid::DensityGrid;
 use curlsmoke::grid::majorant::{MajorantGrid, MajorantIterator};
+use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
+use curlsmoke::grid::{DensityGrid, GridError};
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use glam::{IVec3, UVec3, Vec3};
@@ -52,7 +53,7 @@ fn check_ray(
     let far = t_max.min(1e4 * grid.voxel_size());
     let peak = grid.max_density();
     let mut end = 0.0;
-    let mut gap_is_empty = |from: f32, to: f32, rng: &mut CounterRng| {
+    let gap_is_empty = |from: f32, to: f32, rng: &mut CounterRng| {
         for _ in 0..if to > from { 20 } else { 0 } {
             let t = from + (to - from) * rng.uniform();
             // Rounding of the position may reach over the boundary by a thousandth of a voxel.
@@ -150,4 +151,138 @@ fn a_dense_lattice_reads_back_voxel_by_voxel() {
         })
         .sum();
     assert!((grid.mass() - total * 0.125).abs() < 1e-9 * total);
+}
+
+/// Particles in a ball of `extent` metres.
+struct Cloud {
+    position: [Vec<f32>; 3],
+    velocity: [Vec<f32>; 3],
+    mass: Vec<f32>,
+    radius: Vec<f32>,
+}
+
+impl Cloud {
+    fn new(count: usize, extent: f32, radius: f32, speed: f32) -> Self {
+        let mut rng = CounterRng::new(Seed(3));
+        let mut signed = |scale: f32| (0..count).map(|_| (2.0 * rng.uniform() - 1.0) * scale).collect::<Vec<f32>>();
+        let (position, velocity) = (std::array::from_fn(|_| signed(extent)), std::array::from_fn(|_| signed(speed)));
+        let mass = signed(1.0).iter().map(|m| 1e-3 * m.abs()).collect();
+        let radius = signed(0.5).iter().map(|r| radius * (1.0 + r)).collect();
+        Self { position, velocity, mass, radius }
+    }
+
+    fn input(&self) -> SplatInput<'_> {
+        SplatInput {
+            position: self.position.each_ref().map(Vec::as_slice),
+            velocity: self.velocity.each_ref().map(Vec::as_slice),
+            mass: &self.mass,
+            radius: &self.radius,
+        }
+    }
+
+    fn total_mass(&self) -> f64 {
+        self.mass.iter().map(|&m| f64::from(m)).sum()
+    }
+}
+
+fn settings(voxel_size: f32, shutter_seconds: [f64; 2]) -> SplatSettings {
+    SplatSettings { voxel_size, shutter_seconds, memory_limit_bytes: LIMIT }
+}
+
+#[test]
+fn splatting_conserves_mass_still_and_smeared_at_every_kernel_size() {
+    for (radius, speed, shutter) in
+        [(0.001, 0.0, [0.0, 0.0]), (0.03, 3.0, [0.0, 0.0]), (0.06, 3.0, [-0.01, 0.01]), (0.2, 40.0, [0.0, 0.02])]
+    {
+        let cloud = Cloud::new(20_000, 0.8, radius, speed);
+        let grid = splat(&cloud.input(), &settings(0.02, shutter)).expect("in range");
+        let relative = grid.mass() / cloud.total_mass() - 1.0;
+        assert!(relative.abs() < 3e-7, "radius {radius}: {relative:e}");
+    }
+}
+
+#[test]
+fn a_splat_has_the_same_bits_on_any_number_of_threads() {
+    let cloud = Cloud::new(50_000, 0.5, 0.05, 5.0);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| splat(&cloud.input(), &settings(0.02, [-0.01, 0.02])).expect("in range"))
+    };
+    let one = on(1);
+    for threads in [2, 3, 7] {
+        let other = on(threads);
+        assert_eq!(one.brick_count(), other.brick_count());
+        for ((a, va), (b, vb)) in one.occupied_bricks().zip(other.occupied_bricks()) {
+            assert!(
+                a == b && va.iter().zip(&vb).all(|(x, y)| x.to_bits() == y.to_bits()),
+                "{threads} threads, brick {a}"
+            );
+        }
+    }
+}
+
+#[test]
+fn one_particle_keeps_its_place_and_its_streak_is_even() {
+    let (p, v) = (Vec3::new(0.314, -0.271, 0.577), Vec3::new(8.0, 0.0, 0.0));
+    let (position, velocity) = (p.to_array().map(|x| [x]), v.to_array().map(|x| [x]));
+    let input = SplatInput {
+        position: [&position[0], &position[1], &position[2]],
+        velocity: [&velocity[0], &velocity[1], &velocity[2]],
+        mass: &[2.0],
+        radius: &[0.04],
+    };
+    let center_of = |grid: &DensityGrid| -> Vec3 {
+        let (mut sum, mut moment) = (0.0, Vec3::ZERO);
+        for (brick, values) in grid.occupied_bricks() {
+            for (i, &value) in values.iter().enumerate() {
+                let voxel = brick * 8 + curlsmoke::grid::local_voxel(i).as_ivec3();
+                moment += value * (voxel.as_vec3() + 0.5) * grid.voxel_size();
+                sum += value;
+            }
+        }
+        moment / sum
+    };
+    let still = splat(&input, &settings(0.01, [0.0, 0.0])).expect("in range");
+    assert!((center_of(&still) - p).abs().max_element() < 2e-4, "{}", center_of(&still));
+    let smeared = splat(&input, &settings(0.01, [0.0, 0.1])).expect("in range");
+    assert!((center_of(&smeared) - p - 0.05 * v).abs().max_element() < 2e-4);
+    let along: Vec<f32> = (0..30).map(|i| smeared.density(WorldPoint(p + v * (0.02 + 0.002 * i as f32)))).collect();
+    let (low, high) = along.iter().fold((f32::MAX, 0f32), |(a, b), &d| (a.min(d), b.max(d)));
+    assert!(low > 0.95 * high, "the streak is dotted: {low} {high}");
+}
+
+#[test]
+fn bad_particles_are_errors_that_name_them() {
+    let cases: [(&str, fn(&mut Cloud)); 6] = [
+        ("position", |c| c.position[1][7] = f32::NAN),
+        ("position", |c| c.position[2][7] = 1e30),
+        ("velocity", |c| c.velocity[0][7] = f32::INFINITY),
+        ("mass", |c| c.mass[7] = -1.0),
+        ("radius", |c| c.radius[7] = 0.0),
+        ("radius", |c| c.radius[7] = 1e6),
+    ];
+    for (word, spoil) in cases {
+        let mut cloud = Cloud::new(20, 0.5, 0.05, 1.0);
+        spoil(&mut cloud);
+        let error = splat(&cloud.input(), &settings(0.02, [0.0, 0.1])).expect_err(word);
+        assert!(matches!(error, GridError::BadParticle { particle_idx: 7, .. }), "{error}");
+        assert!(error.to_string().contains(word), "{error}");
+    }
+    let mut far = Cloud::new(20, 0.5, 0.05, 1.0);
+    far.position = std::array::from_fn(|_| vec![4e4; 20]);
+    far.position[0][0] = -4e4;
+    far.position[1][0] = -4e4;
+    far.position[2][0] = -4e4;
+    let error = splat(&far.input(), &settings(0.02, [0.0, 0.0])).expect_err("a box of 10^19 voxels");
+    assert!(matches!(error, GridError::OverMemory { .. }), "{error}");
+    let mut short = Cloud::new(20, 0.5, 0.05, 1.0);
+    short.radius.pop();
+    assert_eq!(splat(&short.input(), &settings(0.02, [0.0, 0.0])), Err(GridError::Lengths(20, 19)));
+}
+
+#[test]
+fn no_particles_are_an_empty_grid() {
+    let mut cloud = Cloud::new(5, 0.5, 0.05, 1.0);
+    cloud.mass.fill(0.0);
+    assert!(splat(&cloud.input(), &settings(0.02, [0.0, 0.0])).expect("in range").is_empty());
 }

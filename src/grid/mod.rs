@@ -10,6 +10,7 @@
 
 pub mod lookup;
 pub mod majorant;
+pub mod splat;
 
 use crate::math::aabb::Aabb;
 use crate::math::lattice::Lattice;
