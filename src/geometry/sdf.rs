@@ -121,8 +121,9 @@ impl PlacedSdf {
         }
     }
 
+    /// A world-space point in the solid's own space.
     #[inline(always)]
-    fn to_local<R: Real>(&self, p: [R; 3]) -> [R; 3] {
+    pub fn to_local<R: Real>(&self, p: [R; 3]) -> [R; 3] {
         let t = self.placement.translation.as_dvec3().to_array();
         let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
         let v: [R; 3] = std::array::from_fn(|i| (p[i] - p[i].lit(t[i])) * inverse);

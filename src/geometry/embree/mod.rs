@@ -1,0 +1,507 @@
+//! Embree 4 behind safe types of our own: hits, occlusion and closest points.
+//!
+//! A [`SceneBuilder`] is consumed by [`SceneBuilder::commit`]; only the [`TraceScene`] that comes out can be asked, from
+//! any number of threads, and it can no longer change. What the library points to (solids, meshes) is kept alive by the
+//! scene. Errors are checked while building; asking cannot fail.
+#![allow(unsafe_code)]
+
+#[allow(missing_docs)]
+mod sys;
+
+pub use sys::LoadError;
+
+use crate::geometry::mesh::Mesh;
+use crate::geometry::trace::Solid;
+use crate::geometry::triangle::closest_point;
+use crate::math::aabb::Aabb;
+use crate::math::space::{UnitVec3, WorldPoint};
+use glam::Vec3;
+use std::ptr::{from_mut, null};
+use std::sync::Arc;
+use sys::{Functions, Handle, INVALID_ID};
+
+/// Why no scene could be made.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum EmbreeError {
+    /// The library is missing or unusable.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// The library is not of a version whose layout we know.
+    #[error("Embree {}.{}.{} was found, but version 4 is needed; run ./bootstrap.sh in the source folder", version / 10000, version / 100 % 100, version % 100)]
+    Version {
+        /// major · 10000 + minor · 100 + patch.
+        version: isize,
+    },
+    /// The library could not do what it was asked.
+    #[error("Embree failed while {doing}: {}", code_name(*code))]
+    Failed {
+        /// What it was asked for.
+        doing: &'static str,
+        /// `RTCError`.
+        code: i32,
+    },
+}
+
+fn code_name(code: i32) -> String {
+    match code {
+        2 => "invalid argument".into(),
+        3 => "invalid operation".into(),
+        4 => "out of memory".into(),
+        5 => "this processor is not supported".into(),
+        code => format!("error {code}"),
+    }
+}
+
+/// A half line.
+#[derive(Debug, Clone, Copy)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: WorldPoint,
+    /// Where it goes.
+    pub direction: UnitVec3,
+}
+
+impl Ray {
+    /// The point at distance `t` [m].
+    #[inline]
+    pub fn at(&self, t: f32) -> WorldPoint {
+        self.origin + self.direction.as_vec3() * t
+    }
+}
+
+/// Where a ray meets a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Hit {
+    /// Distance along the ray [m].
+    pub t: f32,
+    /// The point on the surface, more accurate than `ray.at(t)`.
+    pub position: WorldPoint,
+    /// Outward normal of the surface itself, whichever side was hit.
+    pub normal: UnitVec3,
+    /// Outward normal to shade with: interpolated where the mesh has vertex normals, otherwise `normal`.
+    pub shading_normal: UnitVec3,
+    /// Which shape, by its place in the scene's shapes.
+    pub shape_idx: u32,
+    /// By how much `position` and later hits of the same surface can be wrong [m].
+    error: f32,
+}
+
+impl Hit {
+    /// Where a ray must start that leaves this surface in `direction`, so that it does not meet it again: a few
+    /// rounding errors off the surface, on the side that `direction` points to.
+    #[inline]
+    pub fn offset_origin(&self, direction: UnitVec3) -> WorldPoint {
+        let n = self.normal.as_vec3();
+        self.position + n * self.error.copysign(n.dot(*direction))
+    }
+}
+
+/// Rounding errors, relative to the largest coordinate involved, by which new rays are moved off a surface. Fewer let
+/// rays meet the surface they leave; more let light through walls thinner than this, 4 µm at one metre.
+const OFFSET_ROUNDINGS: f32 = 32.0;
+
+/// The library, ready.
+struct Device {
+    functions: &'static Functions,
+    handle: Handle,
+}
+
+// SAFETY: Embree's devices, scenes and geometries may be used from several threads; those that change are reached
+// through `&mut` or by value only.
+unsafe impl Send for Device {}
+// SAFETY: as above.
+unsafe impl Sync for Device {}
+
+impl Device {
+    fn try_new() -> Result<Self, EmbreeError> {
+        let functions = sys::functions()?;
+        // One thread: the tree, and so which of two equally near triangles is reported, must not depend on the machine's
+        // load. Half a second for a million triangles.
+        let config = c"threads=1,set_affinity=0";
+        // SAFETY: a valid C string.
+        let handle = unsafe { (functions.new_device)(config.as_ptr()) };
+        if handle.is_null() {
+            // SAFETY: asking with no device gives the reason why none could be made.
+            let code = unsafe { (functions.device_error)(std::ptr::null_mut()) };
+            return Err(EmbreeError::Failed { doing: "starting", code });
+        }
+        let device = Self { functions, handle };
+        let version = device.version();
+        if !(40000..50000).contains(&version) {
+            return Err(EmbreeError::Version { version });
+        }
+        Ok(device)
+    }
+
+    fn version(&self) -> isize {
+        // SAFETY: the device lives as long as `self`.
+        unsafe { (self.functions.device_property)(self.handle, sys::PROPERTY_VERSION) }
+    }
+
+    fn check(&self, doing: &'static str) -> Result<(), EmbreeError> {
+        // SAFETY: the device lives as long as `self`.
+        match unsafe { (self.functions.device_error)(self.handle) } {
+            0 => Ok(()),
+            code => Err(EmbreeError::Failed { doing, code }),
+        }
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: made by us, released once, and every scene on it is gone by then.
+        unsafe { (self.functions.release_device)(self.handle) }
+    }
+}
+
+/// The version of the library that would be used, as "4.4.0".
+///
+/// # Errors
+/// Where none can be used.
+pub fn version() -> Result<String, EmbreeError> {
+    let v = Device::try_new()?.version();
+    Ok(format!("{}.{}.{}", v / 10000, v / 100 % 100, v % 100))
+}
+
+/// One geometry of a scene.
+enum Part {
+    Triangles(Arc<Mesh>),
+    Solid(Arc<Solid>),
+}
+
+/// Fields are dropped in order: the scene before the parts it points to and before its device.
+struct Scene {
+    functions: &'static Functions,
+    handle: Handle,
+    parts: Vec<(u32, Part)>,
+    device: Device,
+}
+
+// SAFETY: see `Device`; the parts are `Send` and `Sync`.
+unsafe impl Send for Scene {}
+// SAFETY: a committed scene is only read.
+unsafe impl Sync for Scene {}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        // SAFETY: made by us and released once.
+        unsafe { (self.functions.release_scene)(self.handle) }
+    }
+}
+
+/// A scene that is being put together.
+pub struct SceneBuilder {
+    /// Nothing to hit needs no library.
+    scene: Option<Scene>,
+    bounds: Aabb,
+}
+
+impl Default for SceneBuilder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl SceneBuilder {
+    /// An empty scene.
+    pub fn new() -> Self {
+        Self { scene: None, bounds: Aabb::EMPTY }
+    }
+
+    /// Adds triangles that hits report as shape `shape_idx`.
+    ///
+    /// # Errors
+    /// Where the library is missing or out of memory.
+    pub fn add_mesh(&mut self, mesh: Arc<Mesh>, shape_idx: u32) -> Result<(), EmbreeError> {
+        self.bounds = self.bounds.union(&mesh.bounds());
+        let scene = self.scene()?;
+        let f = scene.functions;
+        let (vertex_count, triangle_count) = (mesh.positions().len(), mesh.triangles().len());
+        // SAFETY: the buffers that Embree hands out hold the number of items asked for, aligned for them; they are
+        // filled before the geometry is committed.
+        unsafe {
+            let geometry = (f.new_geometry)(scene.device.handle, sys::GEOMETRY_TRIANGLE);
+            let vertices =
+                (f.new_buffer)(geometry, sys::BUFFER_VERTEX, 0, sys::FORMAT_FLOAT3, size_of::<Vec3>(), vertex_count);
+            let indices = (f.new_buffer)(
+                geometry,
+                sys::BUFFER_INDEX,
+                0,
+                sys::FORMAT_UINT3,
+                size_of::<[u32; 3]>(),
+                triangle_count,
+            );
+            if vertices.is_null() || indices.is_null() {
+                (f.release_geometry)(geometry);
+                scene.device.check("storing triangles")?;
+                return Err(EmbreeError::Failed { doing: "storing triangles", code: 4 });
+            }
+            vertices.cast::<Vec3>().copy_from_nonoverlapping(mesh.positions().as_ptr(), vertex_count);
+            indices.cast::<[u32; 3]>().copy_from_nonoverlapping(mesh.triangles().as_ptr(), triangle_count);
+            scene.attach(geometry, shape_idx, Part::Triangles(mesh));
+        }
+        scene.device.check("storing triangles")
+    }
+
+    /// Adds a solid with a formula that hits report as shape `shape_idx`.
+    ///
+    /// # Errors
+    /// Where the library is missing or out of memory.
+    pub fn add_solid(&mut self, solid: Arc<Solid>, shape_idx: u32) -> Result<(), EmbreeError> {
+        self.bounds = self.bounds.union(&solid.bounds());
+        let scene = self.scene()?;
+        let f = scene.functions;
+        // SAFETY: the callbacks fit the user pointer, and the scene keeps what it points to alive.
+        unsafe {
+            let geometry = (f.new_geometry)(scene.device.handle, sys::GEOMETRY_USER);
+            (f.set_primitive_count)(geometry, 1);
+            (f.set_user_data)(geometry, Arc::as_ptr(&solid).cast());
+            (f.set_bounds)(geometry, Some(solid_bounds), null());
+            (f.set_intersect)(geometry, Some(solid_intersect));
+            (f.set_occluded)(geometry, Some(solid_occluded));
+            scene.attach(geometry, shape_idx, Part::Solid(solid));
+        }
+        scene.device.check("storing a solid")
+    }
+
+    /// Builds the tree over everything added.
+    ///
+    /// # Errors
+    /// Where the library is out of memory.
+    pub fn commit(self) -> Result<TraceScene, EmbreeError> {
+        if let Some(scene) = &self.scene {
+            // SAFETY: the scene is complete and nobody else uses it.
+            unsafe { (scene.functions.commit_scene)(scene.handle) };
+            scene.device.check("building the tree")?;
+        }
+        Ok(TraceScene { scene: self.scene, bounds: self.bounds })
+    }
+
+    fn scene(&mut self) -> Result<&mut Scene, EmbreeError> {
+        if self.scene.is_none() {
+            let device = Device::try_new()?;
+            let functions = device.functions;
+            // SAFETY: the device is valid.
+            let handle = unsafe { (functions.new_scene)(device.handle) };
+            device.check("making a scene")?;
+            let scene = self.scene.insert(Scene { functions, handle, parts: Vec::new(), device });
+            // SAFETY: the scene is valid.
+            unsafe { (functions.set_scene_flags)(scene.handle, sys::SCENE_ROBUST) };
+        }
+        Ok(self.scene.as_mut().expect("made just above"))
+    }
+}
+
+impl Scene {
+    /// # Safety
+    /// `geometry` is complete but for its commit, and `part` holds what it points to.
+    unsafe fn attach(&mut self, geometry: Handle, shape_idx: u32, part: Part) {
+        let id = self.parts.len() as u32;
+        self.parts.push((shape_idx, part));
+        // SAFETY: by the caller's promise; the scene holds its own reference from here on.
+        unsafe {
+            (self.functions.commit_geometry)(geometry);
+            (self.functions.attach_geometry)(self.handle, geometry, id);
+            (self.functions.release_geometry)(geometry);
+        }
+    }
+}
+
+/// A scene that rays can be sent through. Finds the same hits whatever thread asks.
+pub struct TraceScene {
+    scene: Option<Scene>,
+    bounds: Aabb,
+}
+
+impl TraceScene {
+    /// A world-space box that holds all surfaces; empty where there are none.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    /// The nearest surface between `t_min` and `t_max` [m] along the ray.
+    ///
+    /// A ray that leaves a surface starts at [`Hit::offset_origin`], with `t_min` 0.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
+        let scene = self.scene.as_ref()?;
+        let mut ray_hit = ray_hit(ray, t_min, t_max);
+        // SAFETY: the scene is committed, and the struct is as large as any version of the library writes.
+        unsafe { (scene.functions.intersect1)(scene.handle, &mut ray_hit, null()) };
+        if ray_hit.hit.geom_id == INVALID_ID {
+            return None;
+        }
+        let (shape_idx, part) = &scene.parts[ray_hit.hit.geom_id as usize];
+        Some(match part {
+            Part::Triangles(mesh) => triangle_hit(mesh, ray, &ray_hit, *shape_idx),
+            Part::Solid(solid) => solid_hit(solid, ray, &ray_hit, *shape_idx),
+        })
+    }
+
+    /// True where any surface lies between `t_min` and `t_max` [m] along the ray.
+    #[inline]
+    pub fn is_occluded(&self, ray: &Ray, t_min: f32, t_max: f32) -> bool {
+        let Some(scene) = &self.scene else { return false };
+        let mut ray = ray_hit(ray, t_min, t_max).ray;
+        // SAFETY: the scene is committed.
+        unsafe { (scene.functions.occluded1)(scene.handle, &mut ray, null()) };
+        ray.tfar < 0.0
+    }
+
+    /// Distance [m] from `p` to the nearest triangle, if that is less than `radius`. Solids are not looked at.
+    pub fn closest_triangle(&self, p: WorldPoint, radius: f32) -> Option<f32> {
+        let scene = self.scene.as_ref()?;
+        let mut query = sys::PointQuery { p: p.0.to_array(), time: 0.0, radius };
+        let mut context = sys::PointQueryContext {
+            world_to_instance: [0.0; 16],
+            instance_to_world: [0.0; 16],
+            inst_id: INVALID_ID,
+            tail: [0; 7],
+        };
+        let mut search = Search { scene, p: p.0, radius };
+        // SAFETY: the callback casts the pointer back to what it is, and both live until the call returns.
+        unsafe {
+            let user = from_mut(&mut search).cast();
+            (scene.functions.point_query)(scene.handle, &mut query, &mut context, Some(nearer), user);
+        }
+        (search.radius < radius).then_some(search.radius)
+    }
+}
+
+#[inline]
+fn ray_hit(ray: &Ray, t_min: f32, t_max: f32) -> sys::RtcRayHit {
+    sys::RtcRayHit {
+        ray: sys::RtcRay {
+            org: ray.origin.0.to_array(),
+            tnear: t_min,
+            dir: ray.direction.to_array(),
+            time: 0.0,
+            tfar: t_max,
+            mask: u32::MAX,
+            id: 0,
+            flags: 0,
+        },
+        hit: sys::RtcHit {
+            ng: [0.0; 3],
+            u: 0.0,
+            v: 0.0,
+            prim_id: INVALID_ID,
+            geom_id: INVALID_ID,
+            inst_id: INVALID_ID,
+            inst_prim_id: INVALID_ID,
+        },
+    }
+}
+
+#[inline]
+fn triangle_hit(mesh: &Mesh, ray: &Ray, found: &sys::RtcRayHit, shape_idx: u32) -> Hit {
+    let corners = mesh.triangles()[found.hit.prim_id as usize].map(|i| i as usize);
+    let [a, b, c] = corners.map(|i| mesh.positions()[i]);
+    let (u, v) = (found.hit.u, found.hit.v);
+    let position = a + (b - a) * u + (c - a) * v;
+    let normal = UnitVec3::try_new(Vec3::from_array(found.hit.ng)).unwrap_or(-ray.direction);
+    let shading_normal = if mesh.normals().is_empty() {
+        normal
+    } else {
+        let [na, nb, nc] = corners.map(|i| mesh.normals()[i]);
+        let smooth = na * (1.0 - u - v) + nb * u + nc * v;
+        // Files with triangles one way round and normals the other are common.
+        UnitVec3::try_new(if smooth.dot(*normal) < 0.0 { -smooth } else { smooth }).unwrap_or(normal)
+    };
+    let scale = a.abs().max(b.abs()).max(c.abs()).max_element();
+    let error = OFFSET_ROUNDINGS * f32::EPSILON * scale;
+    Hit { t: found.ray.tfar, position: WorldPoint(position), normal, shading_normal, shape_idx, error }
+}
+
+#[inline]
+fn solid_hit(solid: &Solid, ray: &Ray, found: &sys::RtcRayHit, shape_idx: u32) -> Hit {
+    let t = found.ray.tfar;
+    let position = ray.origin.0.as_dvec3() + ray.direction.as_vec3().as_dvec3() * f64::from(t);
+    let normal = UnitVec3::try_new(solid.normal_at(position).as_vec3()).unwrap_or(-ray.direction);
+    let position = position.as_vec3();
+    let error = OFFSET_ROUNDINGS * f32::EPSILON * (position.abs().max_element() + t);
+    Hit { t, position: WorldPoint(position), normal, shading_normal: normal, shape_idx, error }
+}
+
+// The callbacks below are plain arithmetic on valid memory. Should one panic all the same, `extern "C"` makes that an
+// abort: it never unwinds through the library.
+
+/// # Safety
+/// Called by Embree for a geometry made by `add_solid`.
+unsafe extern "C" fn solid_bounds(arguments: *const sys::BoundsArguments) {
+    // SAFETY: Embree's arguments are valid during the call; the user pointer is that of an `Arc<Solid>` kept by the scene.
+    unsafe {
+        let solid = &*(*arguments).user.cast::<Solid>();
+        let (bounds, out) = (solid.bounds(), (*arguments).bounds);
+        (*out).lower = bounds.min.to_array();
+        (*out).upper = bounds.max.to_array();
+    }
+}
+
+#[inline]
+fn solid_crossing(solid: &Solid, ray: &sys::RtcRay) -> Option<f32> {
+    solid.crossing(Vec3::from_array(ray.org), Vec3::from_array(ray.dir), ray.tnear, ray.tfar)
+}
+
+/// # Safety
+/// Called by Embree for a geometry made by `add_solid`, with packets of one ray: only `rtcIntersect1` is used.
+unsafe extern "C" fn solid_intersect(arguments: *const sys::IntersectArguments) {
+    // SAFETY: as for the bounds; a packet of one ray has the layout of `RtcRayHit`.
+    unsafe {
+        let arguments = &*arguments;
+        if arguments.n != 1 || *arguments.valid == 0 {
+            return;
+        }
+        let ray_hit = &mut *arguments.ray_hit;
+        if let Some(t) = solid_crossing(&*arguments.user.cast::<Solid>(), &ray_hit.ray) {
+            ray_hit.ray.tfar = t;
+            ray_hit.hit.prim_id = arguments.prim_id;
+            ray_hit.hit.geom_id = arguments.geom_id;
+        }
+    }
+}
+
+/// # Safety
+/// As for `solid_intersect`, from `rtcOccluded1`.
+unsafe extern "C" fn solid_occluded(arguments: *const sys::OccludedArguments) {
+    // SAFETY: as for `solid_intersect`; a packet of one ray has the layout of `RtcRay`.
+    unsafe {
+        let arguments = &*arguments;
+        if arguments.n != 1 || *arguments.valid == 0 {
+            return;
+        }
+        let ray = &mut *arguments.ray;
+        if solid_crossing(&*arguments.user.cast::<Solid>(), ray).is_some() {
+            ray.tfar = f32::NEG_INFINITY;
+        }
+    }
+}
+
+/// A search for the nearest triangle under way.
+struct Search<'a> {
+    scene: &'a Scene,
+    p: Vec3,
+    radius: f32,
+}
+
+/// # Safety
+/// Called by Embree from `closest_triangle`.
+unsafe extern "C" fn nearer(arguments: *mut sys::PointQueryArguments) -> bool {
+    // SAFETY: the user pointer is the `Search` of the caller, which nobody else touches meanwhile; ids are those of the
+    // parts that were attached.
+    unsafe {
+        let arguments = &*arguments;
+        let search = &mut *arguments.user.cast::<Search>();
+        let Some((_, Part::Triangles(mesh))) = search.scene.parts.get(arguments.geom_id as usize) else { return false };
+        let distance = closest_point(search.p, mesh.corners(arguments.prim_id as usize)).distance(search.p);
+        if distance >= search.radius {
+            return false;
+        }
+        search.radius = distance;
+        (*arguments.query).radius = distance;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests;
