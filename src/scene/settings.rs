@@ -423,7 +423,8 @@ pub enum Gain {
     /// As the cube root of size, as in real turbulence.
     #[default]
     Kolmogorov,
-    /// Factor on the speed from one octave to the next.
+    /// A number: factor on the speed from one octave to the next.
+    #[serde(untagged)]
     Speed(#[schemars(range(min = 0.0, max = 4.0))] f64),
 }
 

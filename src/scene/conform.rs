@@ -1,0 +1,510 @@
+//! Holds a scene's tree against the schema that `settings.rs` generates, and turns it into settings.
+//!
+//! All violations are collected. Where one is found the tree is mended (an unknown key dropped, a bad value replaced by
+//! a default or the smallest legal one), so that the checks of meaning still run on the rest; `Conformed::mended` says
+//! which keys they must not judge.
+
+use crate::scene::diagnostic::{Collector, Place, listed, nearest};
+use crate::scene::tree::{Entry, Node, Value};
+use serde_json::{Map as JsonMap, Value as Json, json};
+use std::collections::HashMap;
+
+/// Largest number that is not a count. Its square still fits an f32.
+const MAGNITUDE_MAX: f64 = 1e12;
+/// Least positive length, time and so on. Its square is still far above the smallest f32.
+const POSITIVE_MIN: f64 = 1e-9;
+
+/// A tree that fits the schema.
+pub struct Conformed {
+    /// The settings, ready for serde.
+    pub settings: Json,
+    /// Key paths at which something was wrong.
+    pub mended: Vec<String>,
+}
+
+/// Compares a tree with a JSON Schema of the subset that schemars makes of plain structs, externally tagged enums,
+/// options, lists and maps.
+pub fn conform(tree: &Node, schema: &Json, collector: &mut Collector<'_>) -> Conformed {
+    let mut walk = Walk { root: schema, collector, mended: Vec::new() };
+    let settings = walk.value(tree, schema, Place::START, "");
+    Conformed { settings, mended: walk.mended }
+}
+
+/// Key path of a member.
+pub fn join(parent: &str, key: &str) -> String {
+    if parent.is_empty() { key.into() } else { format!("{parent}.{key}") }
+}
+
+struct Walk<'s, 'c, 'a> {
+    root: &'s Json,
+    collector: &'c mut Collector<'a>,
+    mended: Vec<String>,
+}
+
+/// The alternatives of an enum.
+struct Variants<'s> {
+    /// Plain names.
+    units: Vec<&'s str>,
+    /// Names that are the single key of a map, with the schema of its value.
+    maps: Vec<(&'s str, &'s Json)>,
+    /// Alternatives without a name.
+    others: Vec<&'s Json>,
+}
+
+impl<'s> Walk<'s, '_, '_> {
+    fn resolve(&self, schema: &'s Json) -> &'s Json {
+        resolve(self.root, schema)
+    }
+
+    /// Reports, remembers the path, and returns what to go on with.
+    fn wrong(&mut self, place: Place, path: &str, message: String, help: Option<String>, schema: &'s Json) -> Json {
+        let diagnostic = self.collector.error(place, path, message);
+        diagnostic.help.extend(help);
+        self.mended.push(path.into());
+        self.stand_in(schema)
+    }
+
+    fn value(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let schema = self.resolve(schema);
+        if let Some(choices) = alternatives(schema) {
+            let mut choices = choices.iter().filter(|choice| choice["type"] != "null");
+            return match (choices.next(), choices.next()) {
+                (Some(single), None) => self.value(node, single, at, path),
+                _ => self.variant(node, schema, at, path),
+            };
+        }
+        match type_name(schema) {
+            "object" => self.object(node, schema, at, path),
+            "array" => self.array(node, schema, at, path),
+            "number" => self.number(node, schema, at, path),
+            "integer" => self.integer(node, schema, at, path),
+            "string" => match &node.value {
+                Value::Text(text) => json!(text),
+                Value::Integer(_) | Value::Float(_) | Value::Bool(_) => {
+                    let help = Some("put it in quotes".into());
+                    self.wrong_type(node, schema, at, path, help)
+                }
+                _ => self.wrong_type(node, schema, at, path, None),
+            },
+            "boolean" => match &node.value {
+                Value::Bool(value) => json!(value),
+                Value::Text(text) => {
+                    let help = match text.to_lowercase().as_str() {
+                        "yes" | "on" | "y" => Some("write `true`".into()),
+                        "no" | "off" | "n" => Some("write `false`".into()),
+                        _ => None,
+                    };
+                    self.wrong_type(node, schema, at, path, help)
+                }
+                _ => self.wrong_type(node, schema, at, path, None),
+            },
+            _ => Json::Null,
+        }
+    }
+
+    fn wrong_type(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str, help: Option<String>) -> Json {
+        let message = format!("expected {}, found {}", expected(self.root, schema), found(node));
+        self.wrong(at, path, message, help, schema)
+    }
+
+    fn object(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let entries: &[Entry] = match &node.value {
+            Value::Map(entries) => entries,
+            Value::Null if path.is_empty() => {
+                let message = "the file holds no settings".into();
+                let help = Some("begin with `version: 1`, `camera` and `lights`".into());
+                return self.wrong(at, path, message, help, schema);
+            }
+            _ => return self.wrong_type(node, schema, at, path, None),
+        };
+        let mut result = JsonMap::new();
+        let mut first_place: HashMap<&str, Place> = HashMap::new();
+        let properties = schema["properties"].as_object();
+        for entry in entries {
+            if self.collector.is_full() {
+                break;
+            }
+            let key_path = join(path, &entry.key);
+            if let Some(first) = first_place.get(entry.key.as_str()) {
+                let line = first.position.line;
+                let message = format!("the key `{}` is repeated; it was first given in line {line}", entry.key);
+                self.collector.error(entry.key_place, &key_path, message);
+                self.mended.push(key_path);
+                continue;
+            }
+            first_place.insert(&entry.key, entry.key_place);
+            let member = properties.and_then(|p| p.get(&entry.key));
+            let Some(member) = member.or_else(|| Some(&schema["additionalProperties"]).filter(|s| s.is_object()))
+            else {
+                self.unknown_key(entry, schema, &key_path);
+                self.mended.push(key_path);
+                continue;
+            };
+            // A key whose settings are all commented out means its default.
+            if entry.node.value == Value::Null && member_is_optional(schema, &entry.key) {
+                continue;
+            }
+            let value = self.value(&entry.node, member, entry.place(), &key_path);
+            if value != Json::Null {
+                result.insert(entry.key.clone(), value);
+            }
+        }
+        for key in required(schema) {
+            if first_place.contains_key(key) || self.collector.is_full() {
+                continue;
+            }
+            let member = &schema["properties"][key];
+            let help = first_sentence(member).map(|text| format!("`{key}`: {text}"));
+            let stand_in = self.wrong(at, &join(path, key), format!("the key `{key}` is missing"), help, member);
+            result.insert(key.into(), stand_in);
+        }
+        Json::Object(result)
+    }
+
+    fn unknown_key(&mut self, entry: &Entry, schema: &'s Json, key_path: &str) {
+        let known: Vec<&str> =
+            schema["properties"].as_object().into_iter().flatten().map(|(k, _)| k.as_str()).collect();
+        let diagnostic = self.collector.error(entry.key_place, key_path, format!("unknown key `{}`", entry.key));
+        if let Some(name) = nearest(&entry.key, known.iter().copied()) {
+            diagnostic.help(format!("did you mean `{name}`?"));
+        }
+        diagnostic.help(format!("allowed here: {}", listed(known)));
+    }
+
+    fn array(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let Value::List(items) = &node.value else {
+            let help = match &node.value {
+                Value::Map(_) if schema["maxItems"].is_null() => Some("begin every item with `- `".into()),
+                _ => None,
+            };
+            return self.wrong_type(node, schema, at, path, help);
+        };
+        let least = schema["minItems"].as_u64().unwrap_or(0) as usize;
+        let most = schema["maxItems"].as_u64().map_or(usize::MAX, |n| n as usize);
+        if !(least..=most).contains(&items.len()) {
+            let message = format!("expected {}, found {}", expected(self.root, schema), items.len());
+            return self.wrong(at, path, message, None, schema);
+        }
+        let mut values = Vec::with_capacity(items.len());
+        for (index, item) in items.iter().enumerate() {
+            if self.collector.is_full() {
+                break;
+            }
+            let place = if item.place.length == 0 && item.value == Value::Null { at } else { item.place };
+            values.push(self.value(item, &schema["items"], place, &format!("{path}[{index}]")));
+        }
+        Json::Array(values)
+    }
+
+    fn number(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let value = match &node.value {
+            Value::Integer(value) => *value as f64,
+            Value::Float(value) => *value,
+            _ => return self.not_a_number(node, schema, at, path),
+        };
+        if !value.is_finite() {
+            let message = format!("expected a finite number, found {}", found(node));
+            return self.wrong(at, path, message, None, schema);
+        }
+        self.in_range(value, node, schema, at, path).unwrap_or_else(|| json!(value))
+    }
+
+    fn integer(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let value = match &node.value {
+            Value::Integer(value) => *value,
+            // 1e6 is a fine way to write a million.
+            Value::Float(value) if value.fract() == 0.0 && value.abs() < 9.0e15 => *value as i128,
+            Value::Float(value) if value.is_finite() => return self.wrong_type(node, schema, at, path, None),
+            Value::Float(_) => {
+                let message = format!("expected a whole number, found {}", found(node));
+                return self.wrong(at, path, message, None, schema);
+            }
+            _ => return self.not_a_number(node, schema, at, path),
+        };
+        if let Some(stand_in) = self.in_range(value as f64, node, schema, at, path) {
+            return stand_in;
+        }
+        let (least, most): (i128, i128) = match schema["format"].as_str() {
+            Some("uint32") => (0, u32::MAX.into()),
+            Some("int32") => (i32::MIN.into(), i32::MAX.into()),
+            Some("int64") => (i64::MIN.into(), i64::MAX.into()),
+            _ => (0, u64::MAX.into()),
+        };
+        if value < least || value > most {
+            let message = format!("must be from {least} to {most}, found {value}");
+            return self.wrong(at, path, message, None, schema);
+        }
+        u64::try_from(value).map_or_else(|_| json!(value as i64), |value| json!(value))
+    }
+
+    fn not_a_number(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let help = match &node.value {
+            Value::Text(text) => number_help(text),
+            _ => None,
+        };
+        self.wrong_type(node, schema, at, path, help)
+    }
+
+    /// A stand-in if the number is out of its range.
+    fn in_range(&mut self, value: f64, node: &Node, schema: &'s Json, at: Place, path: &str) -> Option<Json> {
+        let minimum = schema["minimum"].as_f64();
+        let above = schema["exclusiveMinimum"].as_f64();
+        let maximum = schema["maximum"].as_f64();
+        let is_count = type_name(schema) == "integer";
+        let allowed = match (minimum, above, maximum) {
+            (Some(least), _, Some(most)) if value < least || value > most => {
+                format!("from {} to {}", decimal(least), decimal(most))
+            }
+            (Some(least), _, _) if value < least => format!("at least {}", decimal(least)),
+            (_, Some(bound), _) if value <= bound => format!("more than {}", decimal(bound)),
+            (_, Some(0.0), _) if value < POSITIVE_MIN => format!("at least {}", decimal(POSITIVE_MIN)),
+            (_, _, Some(most)) if value > most => format!("at most {}", decimal(most)),
+            _ if value.abs() > MAGNITUDE_MAX && !is_count => {
+                format!("from -{0} to {0}", decimal(MAGNITUDE_MAX))
+            }
+            _ => return None,
+        };
+        Some(self.wrong(at, path, format!("must be {allowed}, found {}", found(node)), None, schema))
+    }
+
+    fn variant(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        let variants = variants(schema);
+        let names: Vec<&str> = variants.units.iter().copied().chain(variants.maps.iter().map(|v| v.0)).collect();
+        match &node.value {
+            Value::Text(text) if variants.units.contains(&text.as_str()) => json!(text),
+            Value::Text(text) if variants.maps.iter().any(|v| v.0 == text) => {
+                let help = Some(format!("write it as a map with one key: `{text}: {{...}}`"));
+                self.wrong(at, path, format!("`{text}` needs settings"), help, schema)
+            }
+            Value::Text(text) => {
+                let message = format!("unknown name `{}`", short(text));
+                let stand_in = self.wrong(at, path, message, None, schema);
+                self.help_names(text, &names, schema);
+                stand_in
+            }
+            Value::Map(entries) if !variants.maps.is_empty() => self.single_key(entries, &variants, schema, at, path),
+            Value::Integer(_) | Value::Float(_) if !variants.others.is_empty() => {
+                self.value(node, variants.others[0], at, path)
+            }
+            _ => self.wrong_type(node, schema, at, path, None),
+        }
+    }
+
+    /// Help for an unknown name, on the latest problem.
+    fn help_names(&mut self, typed: &str, names: &[&str], schema: &'s Json) {
+        let mut allowed = listed(names.iter().copied());
+        if !variants(schema).others.is_empty() {
+            allowed += ", or a number";
+        }
+        if let Some(name) = nearest(typed, names.iter().copied()) {
+            self.collector.help_latest(format!("did you mean `{name}`?"));
+        }
+        self.collector.help_latest(format!("allowed here: {allowed}"));
+    }
+
+    fn single_key(
+        &mut self,
+        entries: &[Entry],
+        variants: &Variants<'s>,
+        schema: &'s Json,
+        at: Place,
+        path: &str,
+    ) -> Json {
+        let names: Vec<&str> = variants.maps.iter().map(|v| v.0).collect();
+        let mut result = None;
+        let mut known_count = 0;
+        for entry in entries {
+            let key_path = join(path, &entry.key);
+            if let Some((name, member)) = variants.maps.iter().find(|v| v.0 == entry.key) {
+                known_count += 1;
+                if known_count == 2 {
+                    let first = entries.iter().map(|e| e.key.as_str()).find(|key| names.contains(key)).unwrap_or("");
+                    let message = format!("`{first}` is given already; exactly one is allowed here");
+                    self.collector.error(entry.key_place, &key_path, message);
+                    self.mended.push(path.into());
+                }
+                let value = self.value(&entry.node, member, entry.place(), &key_path);
+                result.get_or_insert_with(|| json!({ *name: value }));
+                continue;
+            }
+            self.mended.push(path.into());
+            self.collector.error(entry.key_place, &key_path, format!("unknown key `{}`", entry.key));
+            match &entry.node.value {
+                Value::Text(kind)
+                    if matches!(entry.key.as_str(), "type" | "kind") && names.contains(&kind.as_str()) =>
+                {
+                    self.collector.help_latest(format!("the kind is itself the key: `{kind}: {{...}}`"));
+                }
+                // A setting of the variant, written beside it instead of inside it.
+                _ if entries.len() > 1 && entries.iter().any(|e| names.contains(&e.key.as_str())) => {
+                    let kind = entries.iter().map(|e| e.key.as_str()).find(|key| names.contains(key)).unwrap_or("");
+                    self.collector.help_latest(format!("settings go inside: `{kind}: {{{}: ...}}`", entry.key));
+                }
+                _ => self.help_names(&entry.key, &names, schema),
+            }
+        }
+        if entries.is_empty() {
+            let message = format!("expected exactly one of {}, found none", listed(names));
+            return self.wrong(at, path, message, None, schema);
+        }
+        result.unwrap_or_else(|| self.stand_in(schema))
+    }
+
+    /// Something legal in place of something wrong.
+    fn stand_in(&self, schema: &'s Json) -> Json {
+        stand_in(self.root, schema, 0)
+    }
+}
+
+/// Follows a reference to the definitions.
+pub fn resolve<'s>(root: &'s Json, schema: &'s Json) -> &'s Json {
+    let reference = schema["$ref"].as_str().and_then(|r| r.strip_prefix('#'));
+    reference.and_then(|pointer| root.pointer(pointer)).unwrap_or(schema)
+}
+
+/// The choices of an enum or an option.
+pub fn alternatives(schema: &Json) -> Option<&Vec<Json>> {
+    schema["oneOf"].as_array().or_else(|| schema["anyOf"].as_array())
+}
+
+/// Name of the type, `null` left aside.
+pub fn type_name(schema: &Json) -> &str {
+    match &schema["type"] {
+        Json::String(name) => name,
+        Json::Array(names) => names.iter().filter_map(Json::as_str).find(|name| *name != "null").unwrap_or(""),
+        _ => "",
+    }
+}
+
+/// Names of the keys that must be given.
+pub fn required(schema: &Json) -> impl Iterator<Item = &str> {
+    schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str)
+}
+
+fn member_is_optional(schema: &Json, key: &str) -> bool {
+    schema["properties"].get(key).is_some() && !required(schema).any(|name| name == key)
+}
+
+fn variants(schema: &Json) -> Variants<'_> {
+    let mut variants = Variants { units: Vec::new(), maps: Vec::new(), others: Vec::new() };
+    for choice in alternatives(schema).into_iter().flatten() {
+        let names = choice["enum"].as_array().into_iter().flatten();
+        let mut names: Vec<&str> = names.chain([&choice["const"]]).filter_map(Json::as_str).collect();
+        if names.is_empty() {
+            match required(choice).next() {
+                Some(name) => variants.maps.push((name, &choice["properties"][name])),
+                None => variants.others.push(choice),
+            }
+        }
+        variants.units.append(&mut names);
+    }
+    variants
+}
+
+fn stand_in(root: &Json, schema: &Json, depth: usize) -> Json {
+    let schema = resolve(root, schema);
+    // The schema does not recurse; this only makes sure that a mistake there cannot hang the program.
+    if depth > 16 {
+        return Json::Null;
+    }
+    if let Some(choices) = alternatives(schema) {
+        return choices.first().map_or(Json::Null, |choice| match choice["const"].as_str() {
+            Some(name) => json!(name),
+            None => stand_in(root, choice, depth + 1),
+        });
+    }
+    match type_name(schema) {
+        "object" => {
+            let member = |key: &str| (key.to_owned(), stand_in(root, &schema["properties"][key], depth + 1));
+            Json::Object(required(schema).map(member).collect())
+        }
+        "array" => {
+            let count = schema["minItems"].as_u64().unwrap_or(0) as usize;
+            Json::Array(vec![stand_in(root, &schema["items"], depth + 1); count])
+        }
+        "integer" => json!(schema["minimum"].as_i64().unwrap_or(0).max(1).min(schema["maximum"].as_i64().unwrap_or(1))),
+        "number" => {
+            let least = schema["minimum"].as_f64().unwrap_or(0.0);
+            json!(schema["maximum"].as_f64().unwrap_or(1.0).min(1.0).max(least))
+        }
+        "string" => json!(""),
+        "boolean" => json!(false),
+        _ => Json::Null,
+    }
+}
+
+/// In words what a schema allows.
+pub fn expected(root: &Json, schema: &Json) -> String {
+    let schema = resolve(root, schema);
+    if alternatives(schema).is_some() {
+        let variants = variants(schema);
+        let mut words = Vec::new();
+        if !variants.units.is_empty() {
+            words.push(format!("one of {}", listed(variants.units.iter().copied())));
+        }
+        if !variants.maps.is_empty() {
+            words.push(format!("a map with one key of {}", listed(variants.maps.iter().map(|v| v.0))));
+        }
+        words.extend(variants.others.iter().map(|other| expected(root, other)));
+        return words.join(", or ");
+    }
+    match type_name(schema) {
+        "object" => "a map of keys and values".into(),
+        "array" => match (schema["minItems"].as_u64(), type_name(resolve(root, &schema["items"]))) {
+            (Some(count), "integer") => format!("a list of {count} whole numbers"),
+            (Some(count), _) => format!("a list of {count} numbers"),
+            _ => "a list".into(),
+        },
+        "number" => "a number".into(),
+        "integer" => "a whole number".into(),
+        "string" => "text".into(),
+        "boolean" => "`true` or `false`".into(),
+        _ => "something else".into(),
+    }
+}
+
+/// In words what a tree holds.
+fn found(node: &Node) -> String {
+    match &node.value {
+        Value::Null => "nothing".into(),
+        Value::Bool(value) => format!("`{value}`"),
+        Value::Integer(value) => value.to_string(),
+        Value::Float(value) if value.is_nan() => ".nan".into(),
+        Value::Float(value) if value.is_infinite() => if *value > 0.0 { ".inf" } else { "-.inf" }.into(),
+        Value::Float(value) => decimal(*value),
+        Value::Text(text) => format!("the text `{}`", short(text)),
+        Value::List(items) => format!("a list of {}", items.len()),
+        Value::Map(_) => "a map".into(),
+    }
+}
+
+/// A number as people write it.
+pub fn decimal(value: f64) -> String {
+    if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) { format!("{value:e}") } else { format!("{value}") }
+}
+
+fn short(text: &str) -> String {
+    let line: String = text.chars().take(40).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    if text.chars().count() > 40 { format!("{line}…") } else { line }
+}
+
+/// What a text that stands for a number should have been.
+fn number_help(text: &str) -> Option<String> {
+    let text = text.trim();
+    if text.parse::<f64>().is_ok_and(f64::is_finite) {
+        return Some("remove the quotes".into());
+    }
+    let number = text.trim_end_matches(|c: char| c.is_alphabetic() || matches!(c, '%' | '°' | '/' | '²' | ' '));
+    if number != text && number.parse::<f64>().is_ok_and(f64::is_finite) {
+        return Some(format!("write `{number}`; units are fixed"));
+    }
+    let dotted = text.replacen(',', ".", 1);
+    (dotted != text && dotted.parse::<f64>().is_ok()).then(|| format!("write `{dotted}`, with a point"))
+}
+
+/// First sentence of a description.
+pub fn first_sentence(schema: &Json) -> Option<String> {
+    let text = schema["description"].as_str()?.replace('\n', " ");
+    let end = text.find(". ").map_or(text.len(), |end| end + 1);
+    Some(text[..end].into())
+}

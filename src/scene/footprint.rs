@@ -1,0 +1,52 @@
+//! How much memory a scene will need at least, known before any of it is allocated.
+
+use crate::scene::settings::{Emitter, Film, Frames};
+
+/// Memory of a live particle, with the copies that sorting and splatting make [bytes].
+pub const PARTICLE_BYTES: f64 = 128.0;
+/// Memory of a pixel: mean and variance of the colour, all further layers, and the copy that is being written [bytes].
+const PIXEL_BYTES: f64 = 128.0;
+
+/// Memory of the picture [bytes].
+pub fn film_bytes(film: &Film) -> f64 {
+    film.resolution.map(f64::from).iter().product::<f64>() * PIXEL_BYTES
+}
+
+/// Most particles of an emitter that can be alive at once in the frames of the scene: an upper bound.
+pub fn live_count(emitter: &Emitter, frames: &Frames) -> f64 {
+    let end =
+        f64::from(frames.last.saturating_sub(frames.first)) / frames.fps + frames.shutter[1].max(0.0) / frames.fps;
+    let oldest = emitter.lifetime * (1.0 + emitter.lifetime_spread);
+    let last_birth = emitter.stop.unwrap_or(f64::INFINITY).min(end);
+    // Alive in some frame: born before the end, and not dead before the first frame.
+    let first_birth = emitter.start.max(frames.shutter[0].min(0.0) / frames.fps - oldest);
+    let span = (last_birth - first_birth).max(0.0);
+    match (emitter.rate, emitter.count) {
+        (Some(rate), _) => rate * span.min(oldest),
+        (None, Some(count)) if emitter.start <= end && emitter.start + oldest >= 0.0 => count as f64,
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn emitter(text: &str) -> Emitter {
+        serde_yaml::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn particles_alive_at_once() {
+        let frames = Frames { first: 1, last: 25, fps: 24.0, shutter: [0.0, 0.0] };
+        let count = |text: &str| live_count(&emitter(text), &frames);
+        assert_eq!(count("{rate: 100, lifetime: 0.5, lifetime_spread: 0}"), 50.0);
+        assert_eq!(count("{rate: 100, lifetime: 10, lifetime_spread: 0}"), 100.0);
+        assert_eq!(count("{rate: 100, lifetime: 10, lifetime_spread: 0, start: -20}"), 1000.0);
+        assert_eq!(count("{rate: 100, lifetime: 10, stop: 0.25}"), 25.0);
+        assert_eq!(count("{count: 7, lifetime: 1}"), 7.0);
+        assert_eq!(count("{count: 7, lifetime: 1, start: 5}"), 0.0);
+        assert_eq!(count("{count: 7, lifetime: 1, start: -5}"), 0.0);
+        assert_eq!(count("{rate: 100, lifetime: 1, start: -50, stop: -40}"), 0.0);
+    }
+}
