@@ -1,1 +1,129 @@
-//! (under construction)
+//! Pictures, the files they are kept in, and verdicts on whether two of them agree.
+
+pub mod compare;
+pub mod compare_statistics;
+pub mod exr;
+pub mod file;
+pub mod frames;
+pub mod hdr;
+pub mod image;
+pub mod png;
+pub mod sidecar;
+
+use crate::output::image::Image;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// What can go wrong with a picture or its file.
+#[derive(Debug, Error)]
+pub enum OutputError {
+    /// The file to be read is not there.
+    #[error("{path}: no such file", path = path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is there, but the system does not let us read it.
+    #[error("{path}: cannot be read: {cause}", path = path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// The file or its folder cannot be written, or the disk is full. Nothing was left half written.
+    #[error("{path}: cannot be written: {cause}; free some space or choose another place in `output`", path = path.display())]
+    Unwritable {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// The contents are not what the format allows, or end too soon.
+    #[error("{path}: not a usable {format} file: {problem}", path = path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// Name of the format.
+        format: &'static str,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Reading would need more memory than allowed.
+    #[error("{path}: needs {needed} bytes of memory, more than the limit of {limit}; raise it with --memory-limit", path = path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Memory that would be needed [bytes].
+        needed: u64,
+        /// Memory that is allowed [bytes].
+        limit: u64,
+    },
+    /// A picture that cannot be put into the format.
+    #[error("the picture cannot be written as {format}: {problem}")]
+    Encoding {
+        /// Name of the format.
+        format: &'static str,
+        /// What is in the way.
+        problem: String,
+    },
+    /// A file name whose ending says no format that we know.
+    #[error("{path}: unknown kind of picture; known are .exr, .hdr and .png", path = path.display())]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Reads an .exr, .hdr or .png picture, by the ending of its name. Light is linear in the result.
+///
+/// # Errors
+/// When the file is missing, unreadable or invalid, or needs more than `memory_limit` bytes.
+pub fn read_image(path: &Path, memory_limit: u64) -> Result<Image, OutputError> {
+    match extension(path).as_str() {
+        "exr" => exr::read(path, memory_limit),
+        "hdr" | "pic" => hdr::read(path, memory_limit),
+        "png" => png::read(path, memory_limit),
+        _ => Err(OutputError::UnknownFormat { path: path.into() }),
+    }
+}
+
+/// The ending of a file name in small letters, without the dot.
+pub(crate) fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// The bytes of a file that is at most `memory_limit` bytes long.
+pub(crate) fn read_bytes(path: &Path, memory_limit: u64) -> Result<Vec<u8>, OutputError> {
+    let unreadable = |cause: std::io::Error| match cause.kind() {
+        std::io::ErrorKind::NotFound => OutputError::Missing { path: path.into() },
+        _ => OutputError::Unreadable { path: path.into(), cause },
+    };
+    let file = File::open(path).map_err(unreadable)?;
+    let length = file.metadata().map_err(unreadable)?.len();
+    check_memory(path, length, memory_limit)?;
+    let mut bytes = Vec::new();
+    // A file that grows while it is read, or a device without a length, stops here too.
+    file.take(memory_limit).read_to_end(&mut bytes).map_err(unreadable)?;
+    Ok(bytes)
+}
+
+/// An error when more bytes are needed than allowed.
+pub(crate) fn check_memory(path: &Path, needed: u64, limit: u64) -> Result<(), OutputError> {
+    if needed > limit {
+        return Err(OutputError::TooLarge { path: path.into(), needed, limit });
+    }
+    Ok(())
+}
+
+impl From<crate::scene::settings::View> for png::View {
+    fn from(view: crate::scene::settings::View) -> Self {
+        match view {
+            crate::scene::settings::View::Standard => Self::Standard,
+            crate::scene::settings::View::Neutral => Self::Neutral,
+            crate::scene::settings::View::Raw => Self::Raw,
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! The file beside each frame that says how it came about: written last, so that where it stands the frame is whole.
+//!
+//! Everything that depends on the machine or the hour is here and not in the picture, whose bytes are a pure function of
+//! the scene.
+
+use crate::output::file::write_atomic;
+use crate::output::{OutputError, read_bytes};
+use crate::progress::Stage;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Longest sidecar that is read [bytes]; ours have a few thousand.
+const LENGTH_MAX: u64 = 1 << 20;
+
+/// How a frame came about.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Sidecar {
+    /// Number of the frame.
+    pub frame: i32,
+    /// [`fingerprint`] of everything that the frame's pixels depend on.
+    pub fingerprint: String,
+    /// Version of the program.
+    pub version: String,
+    /// The files of the frame, this one not included.
+    pub files: Vec<WrittenFile>,
+    /// Time spent by stage [s].
+    pub seconds: BTreeMap<String, f64>,
+    /// Samples per pixel.
+    pub spp: u32,
+    /// Camera samples per second of rendering.
+    pub samples_per_second: f64,
+    /// Particles alive in the frame.
+    pub particles: u64,
+    /// Particle steps that would have ended inside an obstacle and were corrected.
+    pub penetrations: u64,
+    /// Share of paths that were cut at `render.max_bounces`, 0 to 1.
+    pub truncated_paths: f64,
+    /// Voxels that hold density, and memory of the grid [bytes].
+    pub grid: GridFigures,
+    /// Largest memory that the process has had so far [bytes].
+    pub memory_peak: u64,
+    /// The machine.
+    pub host: Host,
+}
+
+/// A file of the frame, as it was when written.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WrittenFile {
+    /// Name of the file, in the same folder or relative to it.
+    pub name: String,
+    /// Length [bytes].
+    pub bytes: u64,
+    /// SHA-256 of its contents, in hexadecimal digits.
+    pub sha256: String,
+}
+
+/// Size of the density grid.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GridFigures {
+    /// Voxels that hold density.
+    pub active_voxels: u64,
+    /// Memory [bytes].
+    pub bytes: u64,
+}
+
+/// The machine that a frame was made on.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Host {
+    /// Its name.
+    pub name: String,
+    /// Operating system and processor architecture.
+    pub system: String,
+    /// Model of the processor.
+    pub processor: String,
+    /// Threads used.
+    pub threads: usize,
+    /// When the frame was finished [seconds since 1970].
+    pub finished_unix: u64,
+}
+
+impl Sidecar {
+    /// Adds the time spent in a stage.
+    pub fn add_time(&mut self, stage: Stage, time: Duration) {
+        *self.seconds.entry(stage.name().to_string()).or_default() += time.as_secs_f64();
+    }
+
+    /// Adds a file that was written with these contents beside `sidecar`.
+    pub fn add_file(&mut self, sidecar: &Path, file: &Path, contents: &[u8]) {
+        let folder = sidecar.parent().unwrap_or(Path::new(""));
+        let name = file.strip_prefix(folder).unwrap_or(file).to_string_lossy().into_owned();
+        self.files.push(WrittenFile { name, bytes: contents.len() as u64, sha256: sha256(contents) });
+    }
+
+    /// Writes the sidecar; call it when all other files of the frame stand.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
+        let mut text = serde_json::to_string_pretty(self)
+            .map_err(|e| OutputError::Encoding { format: "JSON", problem: e.to_string() })?;
+        text.push('\n');
+        write_atomic(path, text.as_bytes())
+    }
+
+    /// Reads a sidecar.
+    ///
+    /// # Errors
+    /// When it is missing, unreadable or not a sidecar.
+    pub fn read(path: &Path) -> Result<Self, OutputError> {
+        let bytes = read_bytes(path, LENGTH_MAX)?;
+        serde_json::from_slice(&bytes).map_err(|e| OutputError::Invalid {
+            path: path.into(),
+            format: "sidecar",
+            problem: e.to_string(),
+        })
+    }
+}
+
+/// The sidecar of a picture: the same name with the ending .json.
+pub fn sidecar_path(image: &Path) -> PathBuf {
+    image.with_extension("json")
+}
+
+/// One word for everything that a frame's pixels depend on: give the scene's text, the settings as changed on the
+/// command line, the contents of files it names, the program's version and the frame, always in the same order.
+pub fn fingerprint(parts: &[&[u8]]) -> String {
+    let mut hash = Sha256::new();
+    for part in parts {
+        // The length keeps `ab, c` apart from `a, bc`.
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    hexadecimal(&hash.finalize())
+}
+
+/// SHA-256 in hexadecimal digits.
+pub fn sha256(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Whether the frame with this sidecar is finished and would come out the same again: the sidecar stands, has this
+/// fingerprint, and every file it lists still has its length and contents. Anything unreadable counts as unfinished.
+pub fn is_complete(path: &Path, fingerprint: &str) -> bool {
+    let Ok(sidecar) = Sidecar::read(path) else { return false };
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let stands = |file: &WrittenFile| {
+        read_bytes(&folder.join(&file.name), file.bytes)
+            .is_ok_and(|bytes| bytes.len() as u64 == file.bytes && sha256(&bytes) == file.sha256)
+    };
+    sidecar.fingerprint == fingerprint && !sidecar.files.is_empty() && sidecar.files.iter().all(stands)
+}
+
+/// What is known of this machine, with the number of threads in use.
+pub fn this_host(threads: usize) -> Host {
+    let line = |file: &str| std::fs::read_to_string(file).ok().map(|text| text.trim().to_string());
+    let processor = line("/proc/cpuinfo")
+        .and_then(|text| text.lines().find(|l| l.starts_with("model name")).map(str::to_string))
+        .and_then(|l| l.split_once(':').map(|(_, model)| model.trim().to_string()));
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    Host {
+        name: line("/proc/sys/kernel/hostname").unwrap_or_default(),
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        processor: processor.unwrap_or_default(),
+        threads,
+        finished_unix: now.as_secs(),
+    }
+}
+
+/// Largest memory that this process has had [bytes]; 0 where the system does not say.
+pub fn memory_peak() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kibibytes = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).and_then(|l| l.split_whitespace().next());
+    kibibytes.and_then(|n| n.parse::<u64>().ok()).unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn a_frame_is_complete_only_with_its_fingerprint_and_untouched_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = folder.path().join("plume.0001.exr");
+        let path = sidecar_path(&image);
+        let print = fingerprint(&[b"scene", b"settings"]);
+        assert!(!is_complete(&path, &print));
+        write_atomic(&image, b"pixels").unwrap();
+        let mut sidecar = Sidecar { frame: 1, fingerprint: print.clone(), ..Sidecar::default() };
+        sidecar.add_file(&path, &image, b"pixels");
+        sidecar.add_time(Stage::Render, Duration::from_millis(1500));
+        sidecar.write(&path).unwrap();
+        assert_eq!(Sidecar::read(&path).unwrap(), sidecar);
+        assert_eq!(sidecar.files[0].name, "plume.0001.exr");
+        assert!(is_complete(&path, &print));
+        assert!(!is_complete(&path, &fingerprint(&[b"scene", b"changed"])));
+        for damage in [&b"pixelz"[..], b"pixel", b"pixels!"] {
+            fs::write(&image, damage).unwrap();
+            assert!(!is_complete(&path, &print));
+        }
+        fs::remove_file(&image).unwrap();
+        assert!(!is_complete(&path, &print));
+        fs::write(&path, "{").unwrap();
+        assert!(!is_complete(&path, &print));
+    }
+
+    #[test]
+    fn fingerprints_tell_parts_apart() {
+        assert_ne!(fingerprint(&[b"ab", b"c"]), fingerprint(&[b"a", b"bc"]));
+        assert_eq!(sha256(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn the_host_is_known() {
+        assert!(memory_peak() > 1 << 20);
+        assert!(!this_host(2).system.is_empty());
+    }
+}
