@@ -1,0 +1,334 @@
+//! Solids that the flow goes round: which of them act as one, where each takes its constant, how far it reaches.
+//!
+//! Every obstacle has a constant of its own for each potential, the potential's value at its reference point, so that
+//! wind passes between obstacles (the idea of Ding and Batty 2023, *Differentiable Curl-Noise*, carried to three
+//! dimensions). The reference point is the obstacle's middle, drawn towards the gaps to its neighbours: the difference
+//! of two obstacles' constants is the flow through their gap, which so stays near the free stream's and does not jet.
+//!
+//! Obstacles that touch, overlap or leave a gap below [`SLIT`] are one: their distances are joined by Rvachev's
+//! conjunction, which has the same walls and no ridge between them, equation 3 takes the place of equation 5 (the joint
+//! normal is not smooth where they meet), and the flow between them dies down.
+
+use crate::flow::ramp::smooth_min;
+use crate::geometry::primitive::Primitive;
+use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::math::jet::Jet;
+use crate::math::real::Lane;
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Gaps below this share of the smaller neighbour's size are closed.
+const SLIT: f64 = 0.05;
+/// The influence of an obstacle without size, such as the ground, where the settings leave it open [m].
+const ENDLESS_INFLUENCE: f64 = 1.0;
+/// A box whose rounding is below this share of its shortest half edge has sharp edges: near them its normal turns so
+/// fast that equation 5 would make a spike, and equation 3 is used.
+const SHARP_ROUNDING: f64 = 0.5;
+/// Share of the way to an obstacle's own ridge at which its influence must have ended.
+const REACH_USED: f64 = 0.8;
+
+/// One or several solids that act as one wall.
+#[derive(Debug, Clone)]
+pub struct Obstacle {
+    solids: Vec<Arc<PlacedSdf>>,
+    reference: DVec3,
+    size: f64,
+    reach: f64,
+    has_smooth_normal: bool,
+    plane_normal: Option<DVec3>,
+    hole: Option<Hole>,
+    /// Middle and half size of a box around, `None` where there is no end.
+    bounds: Option<(DVec3, DVec3)>,
+}
+
+/// A hole through which an obstacle lets the flow pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hole {
+    /// Middle [m].
+    pub center: DVec3,
+    /// Direction through, length 1.
+    pub axis: DVec3,
+    /// Of the circle whose flux passes through the hole [m].
+    pub radius: f64,
+}
+
+/// Distance and derivatives to an obstacle at a point: gradient, and the Hessian where the normal is smooth.
+#[derive(Debug, Clone, Copy)]
+pub struct WallDistance<L> {
+    /// Signed distance [m], negative inside.
+    pub value: L,
+    /// Its gradient.
+    pub gradient: [L; 3],
+    /// Its second derivatives xx, yy, zz, xy, xz, yz [1/m].
+    pub hessian: [L; 6],
+}
+
+impl Obstacle {
+    fn new(solids: Vec<Arc<PlacedSdf>>) -> Self {
+        let bounded: Vec<_> = solids.iter().filter(|s| s.bounds().is_some()).collect();
+        let is_endless = bounded.len() < solids.len();
+        let middle = |s: &PlacedSdf| s.center().0.as_dvec3();
+        let bounds = bounded.iter().filter_map(|s| s.bounds()).reduce(|a, b| a.union(&b));
+        let reference = bounds.map_or_else(|| middle(&solids[0]), |b| b.center().as_dvec3());
+        let is_single = solids.len() == 1;
+        Self {
+            reference,
+            size: bounds.map_or(ENDLESS_INFLUENCE, |b| 0.5 * f64::from(b.size().max_element())),
+            reach: solids.iter().map(|s| reach(s)).fold(f64::INFINITY, f64::min),
+            has_smooth_normal: is_single && has_smooth_normal(&solids[0]),
+            plane_normal: if is_single { plane_normal(&solids[0]) } else { None },
+            hole: if is_single { hole(&solids[0]) } else { None },
+            bounds: bounds.filter(|_| !is_endless).map(|b| (b.center().as_dvec3(), 0.5 * b.size().as_dvec3())),
+            solids,
+        }
+    }
+
+    /// Where the obstacle's constants are taken.
+    pub fn reference(&self) -> DVec3 {
+        self.reference
+    }
+
+    /// Half the longest edge of its box [m]; of endless ones the influence they have by default.
+    pub fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// True where the obstacle has no end.
+    pub fn is_endless(&self) -> bool {
+        self.bounds.is_none()
+    }
+
+    /// The influence radius that comes of a wanted one [m]: it ends before the obstacle's own ridge.
+    pub fn influence(&self, wanted: f64) -> f64 {
+        wanted.min(REACH_USED * self.reach)
+    }
+
+    /// Whether equation 5 applies; equation 3 otherwise.
+    pub fn has_smooth_normal(&self) -> bool {
+        self.has_smooth_normal
+    }
+
+    /// The direction out of a half space that stands alone.
+    pub fn plane_normal(&self) -> Option<DVec3> {
+        self.plane_normal
+    }
+
+    /// The hole of a ring that stands alone.
+    pub fn hole(&self) -> Option<Hole> {
+        self.hole
+    }
+
+    /// The solids that act as one.
+    pub fn solids(&self) -> &[Arc<PlacedSdf>] {
+        &self.solids
+    }
+
+    /// False when every lane is certainly further away than `margin` [m].
+    #[inline(always)]
+    pub fn may_be_within<L: Lane>(&self, p: [L; 3], margin: f64) -> bool {
+        let Some((middle, half)) = self.bounds else { return true };
+        let axis = |i: usize| (p[i] - p[i].lit(middle[i])).abs() - p[i].lit(half[i]);
+        axis(0).max(axis(1)).max(axis(2)).any_lt(p[0].lit(margin))
+    }
+
+    /// The distance with its derivatives.
+    #[inline(always)]
+    pub fn jet<L: Lane>(&self, p: [L; 3]) -> WallDistance<L> {
+        let mut joint: Option<WallDistance<L>> = None;
+        for solid in &self.solids {
+            let jet = solid.jet(p);
+            joint = Some(match joint {
+                None => WallDistance { value: jet.value, gradient: jet.gradient, hessian: jet.hessian },
+                Some(a) => {
+                    let (value, da, db) = smooth_min(a.value, jet.value);
+                    let gradient = std::array::from_fn(|i| da.mul_add(a.gradient[i], db * jet.gradient[i]));
+                    WallDistance { value, gradient, hessian: a.hessian }
+                }
+            });
+        }
+        joint.expect("an obstacle has a solid")
+    }
+}
+
+/// Distance from the wall at which the solid's outer distance has a ridge of its own [m].
+fn reach(solid: &PlacedSdf) -> f64 {
+    match solid.sdf() {
+        Sdf::Primitive(Primitive::Torus(t)) => {
+            f64::from(solid.placement().scale) * (t.major_radius - t.minor_radius).max(1e-6)
+        }
+        _ => f64::INFINITY,
+    }
+}
+
+fn has_smooth_normal(solid: &PlacedSdf) -> bool {
+    match solid.sdf() {
+        Sdf::Primitive(Primitive::Cuboid(c)) => c.rounding >= SHARP_ROUNDING * c.half_size.min_element(),
+        Sdf::Primitive(_) => true,
+        // A sampled distance turns within a sample's width at edges and creases.
+        #[allow(unreachable_patterns)]
+        _ => false,
+    }
+}
+
+fn plane_normal(solid: &PlacedSdf) -> Option<DVec3> {
+    match solid.sdf() {
+        Sdf::Primitive(Primitive::HalfSpace(h)) => Some((solid.placement().rotation.as_dquat() * h.normal).normalize()),
+        _ => None,
+    }
+}
+
+fn hole(solid: &PlacedSdf) -> Option<Hole> {
+    match solid.sdf() {
+        Sdf::Primitive(Primitive::Torus(t)) => Some(Hole {
+            center: solid.center().0.as_dvec3(),
+            axis: (solid.placement().rotation.as_dquat() * t.axis).normalize(),
+            radius: f64::from(solid.placement().scale) * (t.major_radius - 0.5 * t.minor_radius),
+        }),
+        _ => None,
+    }
+}
+
+/// The gap between two solids [m] (0 where they touch or overlap), and the closest points of both.
+///
+/// By projecting back and forth from many starts: exact for convex solids, an upper bound for others.
+fn gap(a: &PlacedSdf, b: &PlacedSdf) -> (f64, DVec3, DVec3) {
+    let mut best = (f64::INFINITY, a.center().0.as_dvec3(), b.center().0.as_dvec3());
+    for start in starts(a).chain(starts(b)) {
+        let (mut on_a, mut on_b) = (start, start);
+        for _ in 0..24 {
+            on_b = project(b, on_a);
+            on_a = project(a, on_b);
+        }
+        let overlaps = |p: DVec3| [a, b].into_iter().all(|solid| jet_f64(solid, p).value <= 0.0);
+        let distance = if overlaps(start) || overlaps(on_a) || overlaps(on_b) { 0.0 } else { (on_a - on_b).length() };
+        if distance < best.0 {
+            best = (distance, on_a, on_b);
+        }
+    }
+    best
+}
+
+/// The middle of a solid's box, and its corners.
+fn starts(solid: &PlacedSdf) -> impl Iterator<Item = DVec3> {
+    let bounds = solid.bounds();
+    let corners = bounds.into_iter().flat_map(|b| {
+        (0..8).map(move |i| {
+            glam::Vec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), b.max, b.min).as_dvec3()
+        })
+    });
+    bounds.map(|b| b.center().as_dvec3()).into_iter().chain(corners)
+}
+
+/// The distance with its derivatives in double precision, compiled once.
+#[inline(never)]
+pub fn jet_f64(solid: &PlacedSdf, p: DVec3) -> Jet<f64> {
+    solid.jet(p.to_array())
+}
+
+fn project(solid: &PlacedSdf, p: DVec3) -> DVec3 {
+    let mut q = p;
+    for _ in 0..3 {
+        let jet = jet_f64(solid, q);
+        let gradient = DVec3::from_array(jet.gradient);
+        q -= gradient * (jet.value / gradient.length_squared().max(1e-12));
+    }
+    q
+}
+
+/// Joins solids that touch, and draws the reference points of the others towards their gaps.
+pub fn build_obstacles(solids: Vec<Arc<PlacedSdf>>) -> Vec<Obstacle> {
+    let size = |s: &PlacedSdf| f64::from(s.bounding_radius());
+    let mut group: Vec<usize> = (0..solids.len()).collect();
+    let mut gaps = Vec::new();
+    for i in 0..solids.len() {
+        for j in 0..i {
+            let scale = size(&solids[i]).min(size(&solids[j]));
+            // Two half spaces meet somewhere, or one holds the other, or they never come near: no gap to look after.
+            if scale.is_infinite() {
+                continue;
+            }
+            let (width, on_i, on_j) = gap(&solids[i], &solids[j]);
+            if width <= SLIT * scale {
+                let (from, to) = (group[i], group[j]);
+                group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
+            } else {
+                gaps.push((i, j, (scale / width).powi(2), on_i, on_j));
+            }
+        }
+    }
+    let mut labels: Vec<usize> = group.clone();
+    labels.sort_unstable();
+    labels.dedup();
+    labels
+        .into_iter()
+        .map(|label| {
+            let is_mine = |i: usize| group[i] == label;
+            let members = solids.iter().enumerate().filter(|(i, _)| is_mine(*i)).map(|(_, s)| s.clone()).collect();
+            let mut obstacle = Obstacle::new(members);
+            let (mut sum, mut total) = (obstacle.reference, 1.0);
+            for &(i, j, weight, on_i, on_j) in &gaps {
+                if is_mine(i) != is_mine(j) && (is_mine(i) || is_mine(j)) {
+                    sum += weight * if is_mine(i) { on_i } else { on_j };
+                    total += weight;
+                }
+            }
+            obstacle.reference = sum / total;
+            obstacle
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::primitive::{HalfSpace, Sphere};
+    use crate::math::space::Similarity;
+
+    fn sphere(x: f64, radius: f64) -> Arc<PlacedSdf> {
+        let center = DVec3::new(x, 0.0, 0.0);
+        Arc::new(PlacedSdf::new(Sdf::Primitive(Primitive::Sphere(Sphere { center, radius })), Similarity::IDENTITY))
+    }
+
+    fn ground(y: f64) -> Arc<PlacedSdf> {
+        let plane = HalfSpace { point: DVec3::new(0.0, y, 0.0), normal: DVec3::Y };
+        Arc::new(PlacedSdf::new(Sdf::Primitive(Primitive::HalfSpace(plane)), Similarity::IDENTITY))
+    }
+
+    #[test]
+    fn the_gap_between_spheres_is_found() {
+        let (width, a, b) = gap(&sphere(0.0, 1.0), &sphere(3.0, 0.5));
+        assert!((width - 1.5).abs() < 1e-6, "{width}");
+        assert!((a - DVec3::X).length() < 1e-3 && (b - DVec3::X * 2.5).length() < 1e-3);
+        assert_eq!(gap(&sphere(0.0, 1.0), &sphere(1.2, 0.5)).0, 0.0);
+        assert_eq!(gap(&sphere(0.0, 1.0), &sphere(0.2, 0.1)).0, 0.0, "one inside the other");
+        assert!((gap(&sphere(0.0, 1.0), &ground(-1.5)).0 - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn solids_that_touch_become_one() {
+        let obstacles = build_obstacles(vec![sphere(0.0, 1.0), sphere(5.0, 1.0), sphere(1.9, 1.0), ground(-1.0)]);
+        // Ground touches all of them.
+        assert_eq!(obstacles.len(), 1);
+        let obstacles = build_obstacles(vec![sphere(0.0, 1.0), sphere(5.0, 1.0), sphere(1.9, 1.0)]);
+        assert_eq!(obstacles.iter().map(|o| o.solids().len()).collect::<Vec<_>>(), [2, 1]);
+    }
+
+    #[test]
+    fn reference_points_are_drawn_to_the_gap() {
+        let far = build_obstacles(vec![sphere(0.0, 1.0), sphere(50.0, 1.0)]);
+        assert!(far[0].reference().length() < 1e-3);
+        let near = build_obstacles(vec![sphere(0.0, 1.0), sphere(2.2, 1.0)]);
+        assert!((near[0].reference().x - 1.0).abs() < 0.05 && (near[1].reference().x - 1.2).abs() < 0.05);
+    }
+
+    #[test]
+    fn a_joint_distance_is_zero_on_both_walls() {
+        let obstacle = &build_obstacles(vec![sphere(0.0, 1.0), sphere(1.5, 1.0)])[0];
+        assert!(!obstacle.has_smooth_normal());
+        for p in [[-1.0, 0.0, 0.0], [2.5, 0.0, 0.0], [0.0, 1.0, 0.0]] {
+            assert!(obstacle.jet::<f64>(p).value.abs() < 1e-12);
+        }
+        assert!(obstacle.jet([0.75f64, 0.0, 0.0]).value < 0.0);
+        assert!(obstacle.jet([0.75f64, 1.5, 0.0]).value > 0.0);
+    }
+}
