@@ -67,10 +67,11 @@ impl<'s> Walk<'s, '_, '_> {
     fn value(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
         let schema = self.resolve(schema);
         if let Some(choices) = alternatives(schema) {
-            let mut choices = choices.iter().filter(|choice| choice["type"] != "null");
-            return match (choices.next(), choices.next()) {
-                (Some(single), None) => self.value(node, single, at, path),
-                _ => self.variant(node, schema, at, path),
+            let is_option = choices.iter().any(|choice| choice["type"] == "null");
+            let inner = choices.iter().find(|choice| choice["type"] != "null").filter(|_| is_option);
+            return match inner {
+                Some(inner) => self.value(node, inner, at, path),
+                None => self.variant(node, schema, at, path),
             };
         }
         match type_name(schema) {
@@ -119,6 +120,8 @@ impl<'s> Walk<'s, '_, '_> {
         };
         let mut result = JsonMap::new();
         let mut first_place: HashMap<&str, Place> = HashMap::new();
+        // Keys that are there under a wrong name, so that they are not reported as missing too.
+        let mut meant: Vec<&str> = Vec::new();
         let properties = schema["properties"].as_object();
         for entry in entries {
             if self.collector.is_full() {
@@ -136,7 +139,7 @@ impl<'s> Walk<'s, '_, '_> {
             let member = properties.and_then(|p| p.get(&entry.key));
             let Some(member) = member.or_else(|| Some(&schema["additionalProperties"]).filter(|s| s.is_object()))
             else {
-                self.unknown_key(entry, schema, &key_path);
+                meant.extend(self.unknown_key(entry, schema, &key_path));
                 self.mended.push(key_path);
                 continue;
             };
@@ -154,6 +157,11 @@ impl<'s> Walk<'s, '_, '_> {
                 continue;
             }
             let member = &schema["properties"][key];
+            if meant.contains(&key) {
+                self.mended.push(join(path, key));
+                result.insert(key.into(), self.stand_in(member));
+                continue;
+            }
             let help = first_sentence(member).map(|text| format!("`{key}`: {text}"));
             let stand_in = self.wrong(at, &join(path, key), format!("the key `{key}` is missing"), help, member);
             result.insert(key.into(), stand_in);
@@ -161,14 +169,21 @@ impl<'s> Walk<'s, '_, '_> {
         Json::Object(result)
     }
 
-    fn unknown_key(&mut self, entry: &Entry, schema: &'s Json, key_path: &str) {
+    /// Reports the key and returns the one that was probably meant.
+    fn unknown_key(&mut self, entry: &Entry, schema: &'s Json, key_path: &str) -> Option<&'s str> {
         let known: Vec<&str> =
             schema["properties"].as_object().into_iter().flatten().map(|(k, _)| k.as_str()).collect();
-        let diagnostic = self.collector.error(entry.key_place, key_path, format!("unknown key `{}`", entry.key));
-        if let Some(name) = nearest(&entry.key, known.iter().copied()) {
-            diagnostic.help(format!("did you mean `{name}`?"));
+        let meant = nearest(&entry.key, known.iter().copied());
+        let diagnostic =
+            self.collector.error(entry.key_place, key_path, format!("unknown key `{}`", short(&entry.key)));
+        match &entry.node.value {
+            Value::Text(kind) if is_tag(&entry.key) && known.contains(&kind.as_str()) => {
+                diagnostic.help(format!("the kind is itself the key: `{kind}: {{...}}`"));
+            }
+            _ => diagnostic.help.extend(meant.map(|name| format!("did you mean `{name}`?"))),
         }
         diagnostic.help(format!("allowed here: {}", listed(known)));
+        meant
     }
 
     fn array(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
@@ -182,7 +197,7 @@ impl<'s> Walk<'s, '_, '_> {
         let least = schema["minItems"].as_u64().unwrap_or(0) as usize;
         let most = schema["maxItems"].as_u64().map_or(usize::MAX, |n| n as usize);
         if !(least..=most).contains(&items.len()) {
-            let message = format!("expected {}, found {}", expected(self.root, schema), items.len());
+            let message = format!("expected {}, found {} of them", expected(self.root, schema), items.len());
             return self.wrong(at, path, message, None, schema);
         }
         let mut values = Vec::with_capacity(items.len());
@@ -213,7 +228,7 @@ impl<'s> Walk<'s, '_, '_> {
         let value = match &node.value {
             Value::Integer(value) => *value,
             // 1e6 is a fine way to write a million.
-            Value::Float(value) if value.fract() == 0.0 && value.abs() < 9.0e15 => *value as i128,
+            Value::Float(value) if value.fract() == 0.0 => *value as i128,
             Value::Float(value) if value.is_finite() => return self.wrong_type(node, schema, at, path, None),
             Value::Float(_) => {
                 let message = format!("expected a whole number, found {}", found(node));
@@ -252,6 +267,7 @@ impl<'s> Walk<'s, '_, '_> {
         let maximum = schema["maximum"].as_f64();
         let is_count = type_name(schema) == "integer";
         let allowed = match (minimum, above, maximum) {
+            (Some(only), _, Some(most)) if only == most && value != only => decimal(only),
             (Some(least), _, Some(most)) if value < least || value > most => {
                 format!("from {} to {}", decimal(least), decimal(most))
             }
@@ -330,9 +346,7 @@ impl<'s> Walk<'s, '_, '_> {
             self.mended.push(path.into());
             self.collector.error(entry.key_place, &key_path, format!("unknown key `{}`", entry.key));
             match &entry.node.value {
-                Value::Text(kind)
-                    if matches!(entry.key.as_str(), "type" | "kind") && names.contains(&kind.as_str()) =>
-                {
+                Value::Text(kind) if is_tag(&entry.key) && names.contains(&kind.as_str()) => {
                     self.collector.help_latest(format!("the kind is itself the key: `{kind}: {{...}}`"));
                 }
                 // A setting of the variant, written beside it instead of inside it.
@@ -379,6 +393,11 @@ pub fn type_name(schema: &Json) -> &str {
 /// Names of the keys that must be given.
 pub fn required(schema: &Json) -> impl Iterator<Item = &str> {
     schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str)
+}
+
+/// Keys with which other programs name the kind of a thing.
+fn is_tag(key: &str) -> bool {
+    matches!(key, "type" | "kind")
 }
 
 fn member_is_optional(schema: &Json, key: &str) -> bool {

@@ -48,7 +48,7 @@ struct Check<'s, 'c, 'a> {
     collector: &'c mut Collector<'a>,
 }
 
-/// Where a message about a suspicious key goes when the key is not to be judged.
+/// Whether a key path is the scope or lies within it.
 fn is_inside(path: &str, scope: &str) -> bool {
     path.strip_prefix(scope).is_some_and(|rest| scope.is_empty() || rest.is_empty() || rest.starts_with(['.', '[']))
 }
@@ -156,8 +156,11 @@ impl<'s> Check<'s, '_, '_> {
             let key = format!("shapes.{name}");
             let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
             if !is_plain || name.is_empty() || name.len() > 64 {
+                // Such a name may look like a key path, so that its place cannot be found by path.
+                let place =
+                    self.tree.get("shapes").and_then(|shapes| shapes.node.get(name)).map(|shape| shape.key_place);
                 let message = "a name has 1 to 64 letters, digits, `_` and `-`";
-                self.error(&key, &key, message);
+                self.collector.error(place.unwrap_or_else(|| self.tree.place_of("shapes")), &key, message);
                 continue;
             }
             let given = [
@@ -348,33 +351,39 @@ impl<'s> Check<'s, '_, '_> {
             self.emitter_mesh(&format!("{key}.mesh.shape"), &mesh.shape);
         }
         let key_stop = format!("{key}.stop");
+        let key_start = format!("{key}.start");
         match emitter.stop {
             Some(_) if emitter.count.is_some() => {
-                self.error(&key_stop, key, "`stop` goes with `rate`; a `count` is born all at once");
+                self.error(&key_stop, &key_stop, "`stop` goes with `rate`; a `count` is born all at once");
             }
             Some(stop) if stop <= emitter.start => {
                 let message = format!("must be after `start`, {}, found {}", decimal(emitter.start), decimal(stop));
-                self.error(&key_stop, key, message);
+                self.error(&key_stop, &key_start, message);
+                return;
             }
             _ => {}
         }
         let frames = &self.settings.frames;
+        if !self.is_sound("frames") || !self.is_sound("smoke.advect") {
+            return;
+        }
         let end = f64::from(frames.last.saturating_sub(frames.first)) / frames.fps;
         let substeps = self.settings.smoke.as_ref().map_or(1, |smoke| smoke.advect.substeps);
         let step_count = (end - emitter.start) * frames.fps * f64::from(substeps);
-        if step_count > STEP_COUNT_MAX && self.is_sound("frames") {
+        if step_count > STEP_COUNT_MAX {
             let message = format!("{step_count:.1e} time steps from here to the last frame; at most 1e7 are allowed");
             let help = "particles live for `lifetime`, so that nothing changes by starting earlier than that";
-            self.error_help(&format!("{key}.start"), key, message, help);
+            self.error_help(&key_start, &key_start, message, help);
         }
-        let live = footprint::live_count(emitter, frames);
-        if live < 1.0 && self.is_sound("frames") {
-            let named = ["rate", "count"]
-                .into_iter()
-                .find(|name| self.tree.place_of(key) != self.tree.place_of(&format!("{key}.{name}")));
-            let key_amount = named.map_or(key.to_owned(), |name| format!("{key}.{name}"));
-            let message = "no particle of this emitter is ever alive";
-            self.warning(&key_amount, key, message, "check `rate` or `count`, `start` and `lifetime`");
+        let amount = match (emitter.rate, emitter.count) {
+            (Some(_), None) => "rate",
+            (None, Some(_)) => "count",
+            _ => return,
+        };
+        if footprint::live_count(emitter, frames) < 1.0 {
+            let message = "no particle of this emitter is alive in any frame";
+            let help = format!("check `{amount}`, `start` and `lifetime`; the first frame is at 0 s");
+            self.warning(&format!("{key}.{amount}"), key, message, help);
         }
     }
 
@@ -531,7 +540,10 @@ impl<'s> Check<'s, '_, '_> {
     /// Refuses what cannot fit, before anything is allocated.
     fn footprint(&mut self) {
         let limit = self.settings.render.memory_limit_gib * (1u64 << 30) as f64;
-        let gib = |bytes: f64| format!("{:.1} GiB", bytes / (1u64 << 30) as f64);
+        let gib = |bytes: f64| match bytes / (1u64 << 30) as f64 {
+            size if size < 1.0 => format!("{:.0} MiB", size * 1024.0),
+            size => format!("{size:.1} GiB"),
+        };
         let film = footprint::film_bytes(&self.settings.film);
         if !self.is_sound("render.memory_limit_gib") {
             return;
