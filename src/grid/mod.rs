@@ -11,6 +11,7 @@
 pub mod lookup;
 pub mod majorant;
 pub mod splat;
+pub mod vdb;
 
 use crate::math::aabb::Aabb;
 use crate::math::lattice::Lattice;
