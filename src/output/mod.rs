@@ -1,11 +1,12 @@
 //! Pictures, the files they are kept in, and verdicts on whether two of them agree.
 
+pub mod agreement;
 pub mod compare;
-pub mod compare_statistics;
 pub mod exr;
 pub mod file;
 pub mod frames;
 pub mod hdr;
+pub mod heat_map;
 pub mod image;
 pub mod png;
 pub mod sidecar;

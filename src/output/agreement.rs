@@ -1,0 +1,445 @@
+//! Whether two noisy pictures can be measurements of the same light: a test of hypotheses, not a tolerance.
+//!
+//! Three tests of the differences d in R, G and B, each at level `alpha`:
+//!
+//! 1. *pixels*: |d| against its standard deviation in each pixel, with Šidák's correction for the number of pixels; a
+//!    small share may fail, because the tails of light are heavier than a normal distribution's.
+//! 2. *blocks*: the mean of d in each block of 16 × 16 pixels, all of which must pass. Finds faults of a region that are
+//!    too small for one pixel's noise.
+//! 3. *image*: the mean over the whole picture of d in units of its standard deviation. Finds a small bias everywhere.
+//!
+//! Under the hypothesis both pictures have the same variance per sample, so where both say how many samples they took
+//! the two estimates are pooled; this keeps a low estimate in a pixel that happened to miss its bright paths from
+//! raising an alarm. The idea of testing renders against mean and variance is that of Mitsuba 3's render tests and of
+//! Subr and Arvo 2007 (*Statistical Hypothesis Testing for Assessing Monte Carlo Estimators*).
+
+use crate::math::statistics::{Moments, normal_quantile, sidak, student_t_cdf, z_test};
+use crate::output::compare::{CompareError, Report, check_finite};
+use crate::output::image::{Attribute, Image, SampleKind};
+
+/// Attribute that says how many samples a pixel has.
+pub const SPP_ATTRIBUTE: &str = "curlsmoke/spp";
+
+/// Width of the blocks whose means are tested [pixels].
+const BLOCK: usize = 16;
+
+/// Levels of the tests.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StatisticalSettings {
+    /// Probability that each test raises a false alarm, 0 to 1. Default 0.01.
+    pub alpha: f64,
+    /// Share of pixels that must pass theirs, 0 to 1. Default 0.9975.
+    pub pixel_share: f64,
+}
+
+impl Default for StatisticalSettings {
+    fn default() -> Self {
+        Self { alpha: 0.01, pixel_share: 0.9975 }
+    }
+}
+
+/// Differences in one channel, with the variance that noise gives them.
+struct Channel {
+    difference: Vec<f64>,
+    /// Variance of the difference, without the floor.
+    variance: Vec<f64>,
+    /// What rounding in the files may add, as a standard deviation.
+    rounding: Vec<f64>,
+}
+
+/// Runs the three tests and adds their findings to `report`.
+///
+/// # Errors
+/// When a picture has no colour, nothing says how noisy they are, or a level is out of range.
+pub(crate) fn test(
+    image: &Image,
+    reference: &Image,
+    variance: Option<&Image>,
+    settings: StatisticalSettings,
+    report: &mut Report,
+) -> Result<(), CompareError> {
+    for (name, value) in [("alpha", settings.alpha), ("pixel share", settings.pixel_share)] {
+        if !(value > 0.0 && value < 1.0) {
+            return Err(CompareError::Setting { name, allowed: "between 0 and 1", value });
+        }
+    }
+    let ours = image.rgb("").ok_or(CompareError::NoColour("the picture"))?;
+    let theirs = reference.rgb("").ok_or(CompareError::NoColour("the reference"))?;
+    let noise = Noise::of(image, reference, variance)?;
+    report.map = vec![0.0; image.pixel_count()];
+    check_finite(image, [ours, theirs], report);
+    if !report.passed() {
+        return Ok(());
+    }
+    let [relative, absolute] = [0, 1].map(|i| rounding_of(image)[i].max(rounding_of(reference)[i]));
+    let rounding = |a: f32, b: f32| (f64::from(a.abs().max(b.abs())) * relative).max(absolute);
+    let channels: Vec<Channel> = (0..3)
+        .map(|c| Channel {
+            difference: ours[c].iter().zip(theirs[c]).map(|(&a, &b)| f64::from(a) - f64::from(b)).collect(),
+            variance: noise.of_difference(c),
+            rounding: ours[c].iter().zip(theirs[c]).map(|(&a, &b)| rounding(a, b)).collect(),
+        })
+        .collect();
+    if let Some(i) = (0..image.pixel_count()).find(|&i| channels.iter().any(|c| !(c.variance[i] >= 0.0))) {
+        let [x, y] = image.position(i);
+        report.find("finite", false, format!("the variance of pixel ({x}, {y}) is negative or not a number"));
+        return Ok(());
+    }
+    test_pixels(&channels, noise.degrees(), settings, report);
+    test_blocks(image, &channels, settings, report);
+    test_whole(&channels, settings, report);
+    Ok(())
+}
+
+/// Largest error that storing a colour makes: relative, and absolute near zero.
+fn rounding_of(image: &Image) -> [f64; 2] {
+    let half = image.channels.iter().any(|c| matches!(c.name.as_str(), "R" | "G" | "B") && c.kind == SampleKind::Half);
+    if half { [2f64.powi(-11), 2f64.powi(-25)] } else { [2f64.powi(-23), 0.0] }
+}
+
+/// What is known of the variance of the means in both pictures.
+struct Noise<'a> {
+    image: Option<[&'a [f32]; 3]>,
+    reference: Option<[&'a [f32]; 3]>,
+    image_spp: Option<f64>,
+    reference_spp: Option<f64>,
+}
+
+impl<'a> Noise<'a> {
+    fn of(image: &'a Image, reference: &'a Image, variance: Option<&'a Image>) -> Result<Self, CompareError> {
+        let fits = |v: &&Image| v.data_size == image.data_size;
+        let separate = variance.filter(fits).and_then(|v| v.rgb("variance").or_else(|| v.rgb("")));
+        let spp = |i: &Image| match i.attribute(SPP_ATTRIBUTE) {
+            Some(Attribute::Int(spp)) if *spp > 0 => Some(f64::from(*spp)),
+            _ => None,
+        };
+        let noise = Self {
+            image: image.rgb("variance"),
+            reference: separate.or_else(|| reference.rgb("variance")),
+            image_spp: spp(image),
+            reference_spp: spp(reference).or_else(|| variance.and_then(spp)),
+        };
+        if noise.image.is_none() && noise.reference.is_none() { Err(CompareError::NoVariance) } else { Ok(noise) }
+    }
+
+    /// Degrees of freedom of the variance of a difference; infinite when unknown.
+    fn degrees(&self) -> f64 {
+        let known = |variance: Option<_>, spp: Option<f64>| match (variance, spp) {
+            (Some(_), Some(spp)) => Some((spp - 1.0).max(1.0)),
+            _ => None,
+        };
+        match (known(self.image, self.image_spp), known(self.reference, self.reference_spp)) {
+            (Some(a), Some(b)) => a + b,
+            (Some(a), None) if self.reference.is_none() => a,
+            (None, Some(b)) if self.image.is_none() => b,
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// Variance of the difference in each pixel of channel `c`.
+    fn of_difference(&self, c: usize) -> Vec<f64> {
+        let values = |variance: [&'a [f32]; 3]| variance[c].iter().map(|&v| f64::from(v));
+        match (self.image, self.reference, self.image_spp, self.reference_spp) {
+            (Some(a), Some(b), Some(n), Some(m)) => {
+                let pooled = |a: f64, b: f64| {
+                    let degrees = [(n - 1.0).max(0.0), (m - 1.0).max(0.0)];
+                    let sum = (degrees[0] + degrees[1]).max(1.0);
+                    (a * n * degrees[0] + b * m * degrees[1]) / sum * (1.0 / n + 1.0 / m)
+                };
+                values(a).zip(values(b)).map(|(a, b)| pooled(a, b)).collect()
+            }
+            (Some(a), Some(b), ..) => values(a).zip(values(b)).map(|(a, b)| a + b).collect(),
+            (Some(a), None, n, m) => scaled(values(a), n, m),
+            (None, Some(b), n, m) => scaled(values(b), m, n),
+            (None, None, ..) => Vec::new(),
+        }
+    }
+}
+
+/// Variance of the difference when only one picture, with `known` samples, says how noisy it is. Without counts the
+/// other is taken to be free of noise.
+fn scaled(values: impl Iterator<Item = f64>, known: Option<f64>, other: Option<f64>) -> Vec<f64> {
+    let factor = match (known, other) {
+        (Some(known), Some(other)) => 1.0 + known / other,
+        _ => 1.0,
+    };
+    values.map(|v| v * factor).collect()
+}
+
+fn test_pixels(channels: &[Channel], degrees: f64, settings: StatisticalSettings, report: &mut Report) {
+    let count = report.map.len();
+    let limit = critical_value(sidak(settings.alpha, count * channels.len()), degrees);
+    let mut failed = 0usize;
+    let mut worst = 0.0f64;
+    for i in 0..count {
+        for c in channels {
+            // Noise spreads, rounding does not: only what rounding cannot explain counts.
+            let excess = (c.difference[i].abs() - c.rounding[i]).max(0.0);
+            let score = ratio(excess, c.variance[i].sqrt());
+            report.map[i] = report.map[i].max(score as f32);
+        }
+        failed += usize::from(f64::from(report.map[i]) > limit);
+        worst = worst.max(report.map[i].into());
+    }
+    let share = 1.0 - failed as f64 / count.max(1) as f64;
+    let text = format!(
+        "{:.3} % of {count} agree, at least {:.2} % must (within {limit:.2} standard deviations; worst {worst:.2})",
+        share * 100.0,
+        settings.pixel_share * 100.0
+    );
+    report.find("pixels", share >= settings.pixel_share, text);
+}
+
+/// Two-sided critical value of Student's t, or of the normal distribution for infinite degrees of freedom.
+fn critical_value(p: f64, degrees: f64) -> f64 {
+    let normal = -normal_quantile(0.5 * p);
+    if degrees > 1e5 {
+        return normal;
+    }
+    let (mut low, mut high) = (normal, 2.0 * normal);
+    while 2.0 * student_t_cdf(-high, degrees) > p && high < 1e12 {
+        high *= 2.0;
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if 2.0 * student_t_cdf(-middle, degrees) > p { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// x/y, 0 for 0/0.
+fn ratio(x: f64, y: f64) -> f64 {
+    if x == 0.0 { 0.0 } else { x / y }
+}
+
+fn test_blocks(image: &Image, channels: &[Channel], settings: StatisticalSettings, report: &mut Report) {
+    let [width, height] = image.data_size.map(|n| n as usize);
+    let (columns, rows) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
+    let p = sidak(settings.alpha, columns * rows * channels.len());
+    let mut failed = 0usize;
+    let mut worst = (0.0f64, [0, 0]);
+    for block in 0..columns * rows {
+        let (x0, y0) = (block % columns * BLOCK, block / columns * BLOCK);
+        let pixels = || {
+            let xs = x0..(x0 + BLOCK).min(width);
+            (y0..(y0 + BLOCK).min(height)).flat_map(move |y| xs.clone().map(move |x| y * width + x))
+        };
+        let score = channels.iter().map(|c| block_score(c, pixels())).fold(0.0, f64::max);
+        failed += usize::from(z_test(score) < p);
+        if score > worst.0 {
+            worst = (score, image.position(y0 * width + x0));
+        }
+    }
+    let text = format!(
+        "{failed} of {} blocks of {BLOCK} × {BLOCK} pixels differ; worst by {:.2} standard deviations at ({}, {})",
+        columns * rows,
+        worst.0,
+        worst.1[0],
+        worst.1[1]
+    );
+    report.find("blocks", failed == 0, text);
+}
+
+/// Standard deviations by which the mean difference of the pixels is off, beyond rounding.
+fn block_score(channel: &Channel, pixels: impl Iterator<Item = usize>) -> f64 {
+    let (mut difference, mut variance, mut rounding) = (0.0, 0.0, 0.0);
+    for i in pixels {
+        difference += channel.difference[i];
+        variance += channel.variance[i];
+        rounding += systematic_rounding(channel, i);
+    }
+    ratio((difference.abs() - rounding).max(0.0), variance.sqrt())
+}
+
+/// Rounding averages out in a noisy pixel, but repeats itself where neighbouring pixels have no noise.
+fn systematic_rounding(channel: &Channel, i: usize) -> f64 {
+    if channel.variance[i].sqrt() < channel.rounding[i] { channel.rounding[i] } else { 0.0 }
+}
+
+fn test_whole(channels: &[Channel], settings: StatisticalSettings, report: &mut Report) {
+    let p = sidak(settings.alpha, channels.len());
+    let mut worst = 0.0f64;
+    let mut bias = 0.0;
+    for channel in channels {
+        let (score, mean) = whole_score(channel);
+        if score >= worst {
+            (worst, bias) = (score, mean);
+        }
+    }
+    let text = format!("mean difference {bias:+.3e}, {worst:.2} standard deviations");
+    report.find("image", z_test(worst) >= p, text);
+}
+
+/// Standard deviations by which the picture as a whole is off, and the mean difference.
+///
+/// Each pixel counts in units of the mean noise of its run of pixels, which hardly depends on the pixel's own luck. The
+/// spread of these units across the picture is itself a measure of noise, and a smaller one where stratified samples
+/// make pixels quieter than their variance says; so the smaller of the two is used.
+fn whole_score(channel: &Channel) -> (f64, f64) {
+    let (mut units, mut differences) = (Moments::default(), Moments::default());
+    let mut expected = 0.0;
+    let mut rounding = 0.0;
+    for start in (0..channel.difference.len()).step_by(BLOCK * BLOCK) {
+        let run = start..(start + BLOCK * BLOCK).min(channel.difference.len());
+        let noise = channel.variance[run.clone()].iter().sum::<f64>() / run.len() as f64;
+        for i in run {
+            differences.push(channel.difference[i]);
+            // Without noise there is nothing to measure in; the pixel test has looked at these.
+            if noise > 0.0 {
+                units.push(channel.difference[i] / noise.sqrt());
+                expected += channel.variance[i] / noise;
+                rounding += systematic_rounding(channel, i) / noise.sqrt();
+            }
+        }
+    }
+    let count = units.count() as f64;
+    if count < 2.0 {
+        return (0.0, differences.mean());
+    }
+    let variance_of_mean = (expected / count / count).min(units.variance_of_mean());
+    let excess = (units.mean().abs() - rounding / count).max(0.0);
+    (ratio(excess, variance_of_mean.sqrt()), differences.mean())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::hash::{CounterRng, Seed};
+    use crate::output::compare::{Mode, compare};
+
+    const WIDTH: u32 = 64;
+    const HEIGHT: u32 = 48;
+
+    /// The light of a made-up scene: a bright disk over a slope, different in each channel.
+    fn light(x: f64, y: f64) -> [f64; 3] {
+        let disk = if (x - 30.0).hypot(y - 20.0) < 12.0 { 1.0 } else { 0.0 };
+        [0.2 + 0.8 * disk, 0.3 + 0.01 * x + 0.4 * disk, 0.6 + 0.005 * y]
+    }
+
+    /// A render of `light` with `spp` samples that are exponentially distributed, so skewed as light is.
+    fn render(key: u64, spp: u32, of: impl Fn(f64, f64) -> [f64; 3]) -> Image {
+        let mut image = Image::new([WIDTH, HEIGHT]);
+        let mut rng = CounterRng::new(Seed(key));
+        let (mut mean, mut variance) = (Vec::new(), Vec::new());
+        for i in 0..WIDTH * HEIGHT {
+            let expected = of(f64::from(i % WIDTH), f64::from(i / WIDTH));
+            let moments =
+                expected.map(|e| (0..spp).map(|_| e * -(1.0 - f64::from(rng.uniform())).ln()).collect::<Moments>());
+            mean.push(moments.map(|m| m.mean() as f32));
+            variance.push(moments.map(|m| m.variance_of_mean() as f32));
+        }
+        image.push_rgb("", SampleKind::Half, &mean);
+        image.push_rgb("variance", SampleKind::Float, &variance);
+        image.set_attribute(SPP_ATTRIBUTE, Attribute::Int(spp as i32));
+        image
+    }
+
+    fn verdict(image: &Image, reference: &Image) -> Report {
+        compare(image, reference, None, Mode::Statistical(StatisticalSettings::default())).unwrap()
+    }
+
+    fn failed(report: &Report, check: &str) -> bool {
+        report.findings.iter().any(|f| f.check == check && !f.passed)
+    }
+
+    #[test]
+    fn two_renders_of_the_same_light_agree() {
+        let reference = render(1000, 512, light);
+        let alarms = (0..50).filter(|&key| !verdict(&render(key, 32, light), &reference).passed()).count();
+        // Three tests at 1 % each: 1.5 expected, more than 6 with probability below 0.1 %.
+        assert!(alarms <= 6, "{alarms} false alarms in 50");
+    }
+
+    #[test]
+    fn equally_noisy_renders_agree_too() {
+        let alarms =
+            (0..30).filter(|&key| !verdict(&render(key, 16, light), &render(key + 500, 16, light)).passed()).count();
+        assert!(alarms <= 4, "{alarms} false alarms in 30");
+    }
+
+    #[test]
+    fn one_percent_brighter_is_found_by_the_whole_picture() {
+        let reference = render(1000, 512, light);
+        for key in 0..10 {
+            let report = verdict(&render(key, 128, |x, y| light(x, y).map(|e| 1.01 * e)), &reference);
+            assert!(failed(&report, "image"), "{report}");
+        }
+    }
+
+    #[test]
+    fn a_fault_in_one_corner_is_found_by_its_block() {
+        let reference = render(1000, 512, light);
+        let dimmed = |x: f64, y: f64| light(x, y).map(|e| if x >= 48.0 && y < 16.0 { 0.93 * e } else { e });
+        let report = verdict(&render(1, 128, dimmed), &reference);
+        assert!(failed(&report, "blocks"), "{report}");
+    }
+
+    #[test]
+    fn one_pixel_offset_and_swapped_channels_are_found() {
+        let reference = render(1000, 512, light);
+        let offset = verdict(&render(1, 128, |x, y| light(x + 1.0, y)), &reference);
+        assert!(!offset.passed(), "{offset}");
+        let swapped = verdict(
+            &render(2, 128, |x, y| {
+                let [r, g, b] = light(x, y);
+                [b, g, r]
+            }),
+            &reference,
+        );
+        assert!(failed(&swapped, "pixels"), "{swapped}");
+    }
+
+    #[test]
+    fn a_dark_corner_is_held_to_the_same_standard() {
+        // An absolute floor on the variance would let this pass.
+        let dark = |scale: f64| move |x: f64, y: f64| light(x, y).map(|e| 1e-3 * scale * e);
+        let reference = render(1000, 512, dark(1.0));
+        assert!(verdict(&render(11, 128, dark(1.0)), &reference).passed());
+        assert!(!verdict(&render(11, 128, dark(1.02)), &reference).passed());
+    }
+
+    #[test]
+    fn without_noise_only_rounding_is_forgiven() {
+        let still = |scale: f32| {
+            let mut image = Image::new([32, 32]);
+            image.push_rgb("", SampleKind::Half, &[[0.3 * scale; 3]; 1024]);
+            image.push_rgb("variance", SampleKind::Float, &[[0.0; 3]; 1024]);
+            image
+        };
+        assert!(verdict(&still(1.0), &still(1.0)).passed());
+        assert!(verdict(&still(1.0002), &still(1.0)).passed());
+        assert!(!verdict(&still(1.01), &still(1.0)).passed());
+    }
+
+    #[test]
+    fn a_single_bad_number_fails() {
+        let reference = render(1000, 64, light);
+        for bad in [f32::NAN, f32::INFINITY] {
+            for channel in ["R", "variance.G"] {
+                let mut image = render(1, 64, light);
+                image.channels.iter_mut().find(|c| c.name == channel).unwrap().data[7] = bad;
+                let report = verdict(&image, &reference);
+                assert!(!report.passed() || channel != "R", "{bad} in {channel}: {report}");
+            }
+        }
+        let mut image = render(1, 64, light);
+        image.channels.iter_mut().find(|c| c.name == "variance.G").unwrap().data[7] = f32::NAN;
+        assert!(failed(&verdict(&image, &reference), "finite"));
+    }
+
+    #[test]
+    fn the_variance_may_come_from_one_side_or_from_a_file_of_its_own() {
+        let reference = render(1000, 512, light);
+        let mut bare = render(11, 64, light);
+        bare.channels.retain(|c| !c.name.starts_with("variance"));
+        let report = verdict(&bare, &reference);
+        assert!(report.passed(), "{report}");
+        let mut mean = reference.clone();
+        mean.channels.retain(|c| !c.name.starts_with("variance"));
+        let mode = Mode::Statistical(StatisticalSettings::default());
+        assert!(compare(&bare, &mean, Some(&reference), mode).unwrap().passed());
+        assert_eq!(compare(&bare, &mean, None, mode), Err(CompareError::NoVariance));
+        let bright = render(11, 64, |x, y| light(x, y).map(|e| 1.03 * e));
+        assert!(!verdict(&bright, &reference).passed());
+    }
+}
