@@ -7,6 +7,7 @@ pub mod conform;
 pub mod diagnostic;
 pub mod footprint;
 pub mod pattern;
+pub mod reference;
 pub mod settings;
 pub mod tree;
 pub mod validate;
