@@ -5,6 +5,10 @@
 //! which keys they must not judge.
 
 use crate::scene::diagnostic::{Collector, Place, listed, nearest};
+use crate::scene::schema::{
+    Variants, alternatives, decimal, expected, first_sentence, member_is_optional, required, resolve, stand_in,
+    type_name, variants,
+};
 use crate::scene::tree::{Entry, Node, Value};
 use serde_json::{Map as JsonMap, Value as Json, json};
 use std::collections::HashMap;
@@ -39,16 +43,6 @@ struct Walk<'s, 'c, 'a> {
     root: &'s Json,
     collector: &'c mut Collector<'a>,
     mended: Vec<String>,
-}
-
-/// The alternatives of an enum.
-struct Variants<'s> {
-    /// Plain names.
-    units: Vec<&'s str>,
-    /// Names that are the single key of a map, with the schema of its value.
-    maps: Vec<(&'s str, &'s Json)>,
-    /// Alternatives without a name.
-    others: Vec<&'s Json>,
 }
 
 impl<'s> Walk<'s, '_, '_> {
@@ -370,116 +364,9 @@ impl<'s> Walk<'s, '_, '_> {
     }
 }
 
-/// Follows a reference to the definitions.
-pub fn resolve<'s>(root: &'s Json, schema: &'s Json) -> &'s Json {
-    let reference = schema["$ref"].as_str().and_then(|r| r.strip_prefix('#'));
-    reference.and_then(|pointer| root.pointer(pointer)).unwrap_or(schema)
-}
-
-/// The choices of an enum or an option.
-pub fn alternatives(schema: &Json) -> Option<&Vec<Json>> {
-    schema["oneOf"].as_array().or_else(|| schema["anyOf"].as_array())
-}
-
-/// Name of the type, `null` left aside.
-pub fn type_name(schema: &Json) -> &str {
-    match &schema["type"] {
-        Json::String(name) => name,
-        Json::Array(names) => names.iter().filter_map(Json::as_str).find(|name| *name != "null").unwrap_or(""),
-        _ => "",
-    }
-}
-
-/// Names of the keys that must be given.
-pub fn required(schema: &Json) -> impl Iterator<Item = &str> {
-    schema["required"].as_array().into_iter().flatten().filter_map(Json::as_str)
-}
-
 /// Keys with which other programs name the kind of a thing.
 fn is_tag(key: &str) -> bool {
     matches!(key, "type" | "kind")
-}
-
-fn member_is_optional(schema: &Json, key: &str) -> bool {
-    schema["properties"].get(key).is_some() && !required(schema).any(|name| name == key)
-}
-
-fn variants(schema: &Json) -> Variants<'_> {
-    let mut variants = Variants { units: Vec::new(), maps: Vec::new(), others: Vec::new() };
-    for choice in alternatives(schema).into_iter().flatten() {
-        let names = choice["enum"].as_array().into_iter().flatten();
-        let mut names: Vec<&str> = names.chain([&choice["const"]]).filter_map(Json::as_str).collect();
-        if names.is_empty() {
-            match required(choice).next() {
-                Some(name) => variants.maps.push((name, &choice["properties"][name])),
-                None => variants.others.push(choice),
-            }
-        }
-        variants.units.append(&mut names);
-    }
-    variants
-}
-
-fn stand_in(root: &Json, schema: &Json, depth: usize) -> Json {
-    let schema = resolve(root, schema);
-    // The schema does not recurse; this only makes sure that a mistake there cannot hang the program.
-    if depth > 16 {
-        return Json::Null;
-    }
-    if let Some(choices) = alternatives(schema) {
-        return choices.first().map_or(Json::Null, |choice| match choice["const"].as_str() {
-            Some(name) => json!(name),
-            None => stand_in(root, choice, depth + 1),
-        });
-    }
-    match type_name(schema) {
-        "object" => {
-            let member = |key: &str| (key.to_owned(), stand_in(root, &schema["properties"][key], depth + 1));
-            Json::Object(required(schema).map(member).collect())
-        }
-        "array" => {
-            let count = schema["minItems"].as_u64().unwrap_or(0) as usize;
-            Json::Array(vec![stand_in(root, &schema["items"], depth + 1); count])
-        }
-        "integer" => json!(schema["minimum"].as_i64().unwrap_or(0).max(1).min(schema["maximum"].as_i64().unwrap_or(1))),
-        "number" => {
-            let least = schema["minimum"].as_f64().unwrap_or(0.0);
-            json!(schema["maximum"].as_f64().unwrap_or(1.0).min(1.0).max(least))
-        }
-        "string" => json!(""),
-        "boolean" => json!(false),
-        _ => Json::Null,
-    }
-}
-
-/// In words what a schema allows.
-pub fn expected(root: &Json, schema: &Json) -> String {
-    let schema = resolve(root, schema);
-    if alternatives(schema).is_some() {
-        let variants = variants(schema);
-        let mut words = Vec::new();
-        if !variants.units.is_empty() {
-            words.push(format!("one of {}", listed(variants.units.iter().copied())));
-        }
-        if !variants.maps.is_empty() {
-            words.push(format!("a map with one key of {}", listed(variants.maps.iter().map(|v| v.0))));
-        }
-        words.extend(variants.others.iter().map(|other| expected(root, other)));
-        return words.join(", or ");
-    }
-    match type_name(schema) {
-        "object" => "a map of keys and values".into(),
-        "array" => match (schema["minItems"].as_u64(), type_name(resolve(root, &schema["items"]))) {
-            (Some(count), "integer") => format!("a list of {count} whole numbers"),
-            (Some(count), _) => format!("a list of {count} numbers"),
-            _ => "a list".into(),
-        },
-        "number" => "a number".into(),
-        "integer" => "a whole number".into(),
-        "string" => "text".into(),
-        "boolean" => "`true` or `false`".into(),
-        _ => "something else".into(),
-    }
 }
 
 /// In words what a tree holds.
@@ -495,11 +382,6 @@ fn found(node: &Node) -> String {
         Value::List(items) => format!("a list of {}", items.len()),
         Value::Map(_) => "a map".into(),
     }
-}
-
-/// A number as people write it.
-pub fn decimal(value: f64) -> String {
-    if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) { format!("{value:e}") } else { format!("{value}") }
 }
 
 fn short(text: &str) -> String {
@@ -519,11 +401,4 @@ fn number_help(text: &str) -> Option<String> {
     }
     let dotted = text.replacen(',', ".", 1);
     (dotted != text && dotted.parse::<f64>().is_ok()).then(|| format!("write `{dotted}`, with a point"))
-}
-
-/// First sentence of a description.
-pub fn first_sentence(schema: &Json) -> Option<String> {
-    let text = schema["description"].as_str()?.replace('\n', " ");
-    let end = text.find(". ").map_or(text.len(), |end| end + 1);
-    Some(text[..end].into())
 }

@@ -8,9 +8,11 @@ pub mod diagnostic;
 pub mod footprint;
 pub mod pattern;
 pub mod reference;
+pub mod schema;
 pub mod settings;
 pub mod tree;
 pub mod validate;
+mod validate_smoke;
 
 use crate::scene::conform::conform;
 use crate::scene::diagnostic::{Collector, Diagnostic, Fault, Place, Position, Severity, Source, nearest};

@@ -1,29 +1,14 @@
 //! What a schema cannot say: cross references, relations between keys, files that must exist, and whether the whole
 //! fits into memory. All problems are collected.
 
-use crate::scene::conform::decimal;
 use crate::scene::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::scene::pattern::Pattern;
-use crate::scene::settings::{
-    Camera, Emitter, Environment, Frames, Light, Output, Phase, Potential, Settings, Shape, Smoke, Vec3,
-};
+use crate::scene::schema::decimal;
+use crate::scene::settings::{Camera, Environment, Frames, Light, Output, Potential, Settings, Shape, Vec3};
 use crate::scene::tree::Node;
-use crate::scene::{footprint, nearest_file, resolve};
+use crate::scene::{nearest_file, resolve};
 use std::collections::BTreeSet;
 use std::path::Path;
-
-/// Least ratio of a kernel's reach to the edge of a voxel: below it, particles between voxel centres lose their shape.
-const KERNEL_VOXELS_MIN: f64 = 1.5;
-/// Largest such ratio. A kernel of 64 voxels touches a million of them for each particle.
-const KERNEL_VOXELS_MAX: f64 = 64.0;
-/// Most steps of a particle's clock from the first birth to the last frame.
-const STEP_COUNT_MAX: f64 = 1e7;
-/// Frames of a density sequence that are looked for.
-const FILE_COUNT_MAX: i64 = 10_000;
-/// Beyond this asymmetry, light paths become so rare that pictures hardly converge.
-const G_SENSIBLE: f64 = 0.95;
-/// Mean optical depth over the picture below which no eye sees the smoke.
-const OPTICAL_DEPTH_VISIBLE: f64 = 1e-3;
 
 /// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
 pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
@@ -40,11 +25,12 @@ pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path
     check.footprint();
 }
 
-struct Check<'s, 'c, 'a> {
-    settings: &'s Settings,
+/// The checks under way; those of smoke are in `validate_smoke`.
+pub(crate) struct Check<'s, 'c, 'a> {
+    pub(crate) settings: &'s Settings,
     tree: &'s Node,
     mended: &'s [String],
-    path: &'s Path,
+    pub(crate) path: &'s Path,
     collector: &'c mut Collector<'a>,
 }
 
@@ -53,11 +39,11 @@ fn is_inside(path: &str, scope: &str) -> bool {
     path.strip_prefix(scope).is_some_and(|rest| scope.is_empty() || rest.is_empty() || rest.starts_with(['.', '[']))
 }
 
-fn length(v: Vec3) -> f64 {
+pub(crate) fn length(v: Vec3) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-fn difference(a: Vec3, b: Vec3) -> Vec3 {
+pub(crate) fn difference(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
@@ -76,38 +62,38 @@ fn listed_all(names: &BTreeSet<&str>) -> String {
 
 impl<'s> Check<'s, '_, '_> {
     /// Whether a key and everything around and inside it passed the schema.
-    fn is_sound(&self, key: &str) -> bool {
+    pub(crate) fn is_sound(&self, key: &str) -> bool {
         !self.mended.iter().any(|mended| is_inside(mended, key) || is_inside(key, mended))
     }
 
     /// Reports an error unless something within `scope` is already known to be wrong.
-    fn error(&mut self, key: &str, scope: &str, message: impl Into<String>) -> Option<&mut Diagnostic> {
+    pub(crate) fn error(&mut self, key: &str, scope: &str, message: impl Into<String>) -> Option<&mut Diagnostic> {
         if !self.is_sound(key) || !self.is_sound(scope) {
             return None;
         }
         Some(self.collector.error(self.tree.place_of(key), key, message))
     }
 
-    fn error_help(&mut self, key: &str, scope: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(crate) fn error_help(&mut self, key: &str, scope: &str, message: impl Into<String>, help: impl Into<String>) {
         if let Some(diagnostic) = self.error(key, scope, message) {
             diagnostic.help(help);
         }
     }
 
-    fn warning(&mut self, key: &str, scope: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(crate) fn warning(&mut self, key: &str, scope: &str, message: impl Into<String>, help: impl Into<String>) {
         if self.is_sound(key) && self.is_sound(scope) {
             self.collector.warning(self.tree.place_of(key), key, message).help(help);
         }
     }
 
-    fn direction(&mut self, key: &str, direction: Vec3) {
+    pub(crate) fn direction(&mut self, key: &str, direction: Vec3) {
         if length(direction) < 1e-9 {
             self.error_help(key, key, "a direction of length 0", "give a direction of any other length");
         }
     }
 
     /// Reports unless exactly one of the named keys is given.
-    fn exactly_one(&mut self, key: &str, given: &[(&str, bool)]) {
+    pub(crate) fn exactly_one(&mut self, key: &str, given: &[(&str, bool)]) {
         let names = listed(given.iter().map(|(name, _)| *name));
         let present: Vec<&str> = given.iter().filter(|(_, is_given)| *is_given).map(|(name, _)| *name).collect();
         match present[..] {
@@ -244,7 +230,7 @@ impl<'s> Check<'s, '_, '_> {
         }
     }
 
-    fn unknown_shape(&mut self, key: &str, name: &str, names: &BTreeSet<&str>) {
+    pub(crate) fn unknown_shape(&mut self, key: &str, name: &str, names: &BTreeSet<&str>) {
         let Some(diagnostic) = self.error(key, key, format!("there is no shape `{name}`")) else { return };
         if let Some(name) = nearest(name, names.iter().copied()) {
             diagnostic.help(format!("did you mean `{name}`?"));
@@ -252,176 +238,7 @@ impl<'s> Check<'s, '_, '_> {
         diagnostic.help(format!("shapes of this scene: {}", listed_all(names)));
     }
 
-    fn smoke(&mut self, smoke: &Smoke) {
-        match (&smoke.file, smoke.emitters.is_empty()) {
-            (Some(_), false) => {
-                let message = "smoke comes from `emitters` or from a `file`, not from both";
-                self.error("smoke.file", "smoke.file", message);
-            }
-            (None, true) => {
-                self.error_help(
-                    "smoke",
-                    "smoke",
-                    "smoke needs `emitters` or a `file`",
-                    "without smoke, leave `smoke` out",
-                );
-            }
-            _ => {}
-        }
-        match &smoke.grid {
-            None if !smoke.emitters.is_empty() => {
-                let help = "for example `grid: {voxel_size: 0.02}`";
-                self.error_help("smoke", "smoke.grid", "`emitters` need a `grid`", help);
-            }
-            Some(grid) => {
-                let reach = grid.kernel_radius.unwrap_or(KERNEL_VOXELS_MIN * grid.voxel_size);
-                if reach < KERNEL_VOXELS_MIN * grid.voxel_size * (1.0 - 1e-9) {
-                    let least = decimal(KERNEL_VOXELS_MIN * grid.voxel_size);
-                    let message = format!("must be at least 1.5 voxels, {least}, found {}", decimal(reach));
-                    self.error("smoke.grid.kernel_radius", "smoke.grid", message);
-                }
-                let oldest = smoke.emitters.iter().map(|e| e.lifetime * (1.0 + e.lifetime_spread)).fold(0.0, f64::max);
-                let widest = (reach * reach + grid.expansion * grid.expansion * oldest).sqrt() / grid.voxel_size;
-                if widest > KERNEL_VOXELS_MAX {
-                    let is_expanding = grid.expansion * grid.expansion * oldest > reach * reach;
-                    let key = if is_expanding { "smoke.grid.expansion" } else { "smoke.grid.kernel_radius" };
-                    let message = format!("kernels reach {widest:.0} voxels; at most {KERNEL_VOXELS_MAX} are allowed");
-                    self.error_help(key, "smoke", message, "take larger voxels, or smaller kernels");
-                }
-            }
-            _ => {}
-        }
-        for (index, emitter) in smoke.emitters.iter().enumerate() {
-            self.emitter(&format!("smoke.emitters[{index}]"), emitter);
-        }
-        if let Some(file) = &smoke.file {
-            self.density_file(&file.path);
-        }
-        let Phase::HenyeyGreenstein { g } = smoke.medium.phase;
-        if g.abs() > G_SENSIBLE {
-            let message = format!("|g| above {G_SENSIBLE} is very noisy");
-            let help = "smoke looks right from 0 to 0.8";
-            self.warning("smoke.medium.phase.henyey_greenstein.g", "smoke.medium", message, help);
-        }
-        self.visibility(smoke);
-    }
-
-    /// Warns of smoke that nobody will see, the commonest cause of an empty picture.
-    fn visibility(&mut self, smoke: &Smoke) {
-        let medium = &smoke.medium;
-        if medium.extinction == 0.0 {
-            let message = "smoke of extinction 0 is invisible";
-            self.warning("smoke.medium.extinction", "smoke.medium", message, "the default is 10");
-            return;
-        }
-        if smoke.emitters.is_empty() {
-            return;
-        }
-        // All smoke spread evenly over the picture: mass [density · m³] times extinction [1/m] over area [m²].
-        let mass: f64 =
-            smoke.emitters.iter().map(|e| if e.rate.is_some() { e.mass * e.lifetime } else { e.mass }).sum();
-        let camera = &self.settings.camera;
-        let distance = length(difference(camera.look_at, camera.position));
-        let height = 2.0 * distance * (camera.vertical_fov_deg.to_radians() / 2.0).tan();
-        let [width_px, height_px] = self.settings.film.resolution.map(f64::from);
-        let optical_depth = mass * medium.extinction / (height * height * width_px / height_px);
-        if optical_depth < OPTICAL_DEPTH_VISIBLE && self.is_sound("camera") && self.is_sound("film") {
-            let message = format!(
-                "the smoke is practically invisible: spread over the picture its optical depth is {optical_depth:.1e}"
-            );
-            let help = "raise `smoke.medium.extinction`, or the `mass` of the emitters";
-            self.warning("smoke.medium.extinction", "smoke", message, help);
-        }
-    }
-
-    fn emitter(&mut self, key: &str, emitter: &Emitter) {
-        let given = [
-            ("point", emitter.point.is_some()),
-            ("disk", emitter.disk.is_some()),
-            ("sphere", emitter.sphere.is_some()),
-            ("box", emitter.cuboid.is_some()),
-            ("mesh", emitter.mesh.is_some()),
-        ];
-        self.exactly_one(key, &given);
-        self.exactly_one(key, &[("rate", emitter.rate.is_some()), ("count", emitter.count.is_some())]);
-        if let Some(disk) = &emitter.disk {
-            self.direction(&format!("{key}.disk.normal"), disk.normal);
-        }
-        if let Some(mesh) = &emitter.mesh {
-            self.emitter_mesh(&format!("{key}.mesh.shape"), &mesh.shape);
-        }
-        let key_stop = format!("{key}.stop");
-        let key_start = format!("{key}.start");
-        match emitter.stop {
-            Some(_) if emitter.count.is_some() => {
-                self.error(&key_stop, &key_stop, "`stop` goes with `rate`; a `count` is born all at once");
-            }
-            Some(stop) if stop <= emitter.start => {
-                let message = format!("must be after `start`, {}, found {}", decimal(emitter.start), decimal(stop));
-                self.error(&key_stop, &key_start, message);
-                return;
-            }
-            _ => {}
-        }
-        let frames = &self.settings.frames;
-        if !self.is_sound("frames") || !self.is_sound("smoke.advect") {
-            return;
-        }
-        let end = f64::from(frames.last.saturating_sub(frames.first)) / frames.fps;
-        let substeps = self.settings.smoke.as_ref().map_or(1, |smoke| smoke.advect.substeps);
-        let step_count = (end - emitter.start) * frames.fps * f64::from(substeps);
-        if step_count > STEP_COUNT_MAX {
-            let message = format!("{step_count:.1e} time steps from here to the last frame; at most 1e7 are allowed");
-            let help = "particles live for `lifetime`, so that nothing changes by starting earlier than that";
-            self.error_help(&key_start, &key_start, message, help);
-        }
-        let amount = match (emitter.rate, emitter.count) {
-            (Some(_), None) => "rate",
-            (None, Some(_)) => "count",
-            _ => return,
-        };
-        if footprint::live_count(emitter, frames) < 1.0 {
-            let message = "no particle of this emitter is alive in any frame";
-            let help = format!("check `{amount}`, `start` and `lifetime`; the first frame is at 0 s");
-            self.warning(&format!("{key}.{amount}"), key, message, help);
-        }
-    }
-
-    fn emitter_mesh(&mut self, key: &str, name: &str) {
-        match self.settings.shapes.get(name) {
-            None => {
-                let meshes = self.settings.shapes.iter().filter(|(_, shape)| shape.mesh.is_some());
-                let names = meshes.map(|(name, _)| name.as_str()).collect();
-                self.unknown_shape(key, name, &names);
-            }
-            Some(shape) if shape.mesh.is_none() && self.is_sound(&format!("shapes.{name}")) => {
-                let message = format!("the shape `{name}` is not a mesh");
-                self.error_help(key, key, message, "for smoke from a simple solid take `disk`, `sphere` or `box`");
-            }
-            _ => {}
-        }
-    }
-
-    fn density_file(&mut self, pattern: &str) {
-        let key = "smoke.file.path";
-        let Some(pattern) = self.pattern(key, pattern, "vdb") else { return };
-        let frames = &self.settings.frames;
-        let count = i64::from(frames.last) - i64::from(frames.first) + 1;
-        if !self.is_sound("frames") || count < 1 {
-            return;
-        }
-        let scene = self.path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-        let looked = if pattern.has_frame() { count.min(FILE_COUNT_MAX) } else { 1 };
-        for frame in (i64::from(frames.first)..).take(looked as usize) {
-            let name = pattern.expand(frame as i32, &scene);
-            if !resolve(self.path, &name).is_file() {
-                self.missing(key, &name);
-                return;
-            }
-        }
-    }
-
-    fn missing(&mut self, key: &str, name: &str) {
+    pub(crate) fn missing(&mut self, key: &str, name: &str) {
         let path = resolve(self.path, name);
         let near = nearest_file(&path);
         if path.is_dir() {
@@ -452,7 +269,7 @@ impl<'s> Check<'s, '_, '_> {
         fits
     }
 
-    fn pattern(&mut self, key: &str, text: &str, ending: &str) -> Option<Pattern> {
+    pub(crate) fn pattern(&mut self, key: &str, text: &str, ending: &str) -> Option<Pattern> {
         match Pattern::parse(text) {
             Ok(pattern) => self.has_ending(key, text, &[ending]).then_some(pattern),
             Err(error) => {
@@ -533,53 +350,6 @@ impl<'s> Check<'s, '_, '_> {
             if !seen.insert(format!("{aov:?}")) {
                 let key = format!("output.aovs[{index}]");
                 self.error(&key, &key, "this layer is listed twice");
-            }
-        }
-    }
-
-    /// Refuses what cannot fit, before anything is allocated.
-    fn footprint(&mut self) {
-        let limit = self.settings.render.memory_limit_gib * (1u64 << 30) as f64;
-        let gib = |bytes: f64| match bytes / (1u64 << 30) as f64 {
-            size if size < 1.0 => format!("{:.0} MiB", size * 1024.0),
-            size => format!("{size:.1} GiB"),
-        };
-        let film = footprint::film_bytes(&self.settings.film);
-        if !self.is_sound("render.memory_limit_gib") {
-            return;
-        }
-        if film > limit {
-            let [width, height] = self.settings.film.resolution;
-            let message = format!("{width} × {height} pixels need {}; the limit is {}", gib(film), gib(limit));
-            if let Some(diagnostic) = self.error("film.resolution", "film.resolution", message) {
-                diagnostic
-                    .fault(Fault::OverMemoryLimit)
-                    .help("lower the resolution, or raise `render.memory_limit_gib`");
-            }
-        }
-        let Some(smoke) = &self.settings.smoke else { return };
-        if !self.is_sound("frames") || !self.is_sound("smoke.emitters") {
-            return;
-        }
-        let counts: Vec<f64> = smoke.emitters.iter().map(|e| footprint::live_count(e, &self.settings.frames)).collect();
-        let total: f64 = counts.iter().sum();
-        let bytes = total * footprint::PARTICLE_BYTES;
-        if bytes > limit {
-            // The greatest emitter is the one to change.
-            let largest = (0..counts.len()).max_by(|&a, &b| counts[a].total_cmp(&counts[b])).unwrap_or(0);
-            let amount = if smoke.emitters[largest].rate.is_some() { "rate" } else { "count" };
-            let key = format!("smoke.emitters[{largest}].{amount}");
-            let message = format!(
-                "up to {} particles would be alive at once and need {}; the limit is {}",
-                decimal(total.round()),
-                gib(bytes),
-                gib(limit)
-            );
-            if let Some(diagnostic) = self.error(&key, &key, message) {
-                diagnostic
-                    .fault(Fault::OverMemoryLimit)
-                    .help(format!("lower `{amount}` or `lifetime`, or raise `render.memory_limit_gib`"))
-                    .help("more particles make the smoke smoother, not denser: `mass` does that");
             }
         }
     }

@@ -1,0 +1,238 @@
+//! What a schema cannot say about smoke: its sources, its kernels, its files, and whether it fits into memory.
+
+use crate::scene::diagnostic::Fault;
+use crate::scene::schema::decimal;
+use crate::scene::settings::{Emitter, Phase, Smoke};
+use crate::scene::validate::{Check, difference, length};
+use crate::scene::{footprint, resolve};
+
+/// Least ratio of a kernel's reach to the edge of a voxel: below it, particles between voxel centres lose their shape.
+const KERNEL_VOXELS_MIN: f64 = 1.5;
+/// Largest such ratio. A kernel of 64 voxels touches a million of them for each particle.
+const KERNEL_VOXELS_MAX: f64 = 64.0;
+/// Most steps of a particle's clock from the first birth to the last frame.
+const STEP_COUNT_MAX: f64 = 1e7;
+/// Frames of a density sequence that are looked for.
+const FILE_COUNT_MAX: i64 = 10_000;
+/// Beyond this asymmetry, light paths become so rare that pictures hardly converge.
+const G_SENSIBLE: f64 = 0.95;
+/// Mean optical depth over the picture below which no eye sees the smoke.
+const OPTICAL_DEPTH_VISIBLE: f64 = 1e-3;
+
+impl Check<'_, '_, '_> {
+    pub(crate) fn smoke(&mut self, smoke: &Smoke) {
+        match (&smoke.file, smoke.emitters.is_empty()) {
+            (Some(_), false) => {
+                let message = "smoke comes from `emitters` or from a `file`, not from both";
+                self.error("smoke.file", "smoke.file", message);
+            }
+            (None, true) => {
+                self.error_help(
+                    "smoke",
+                    "smoke",
+                    "smoke needs `emitters` or a `file`",
+                    "without smoke, leave `smoke` out",
+                );
+            }
+            _ => {}
+        }
+        match &smoke.grid {
+            None if !smoke.emitters.is_empty() => {
+                let help = "for example `grid: {voxel_size: 0.02}`";
+                self.error_help("smoke", "smoke.grid", "`emitters` need a `grid`", help);
+            }
+            Some(grid) => {
+                let reach = grid.kernel_radius.unwrap_or(KERNEL_VOXELS_MIN * grid.voxel_size);
+                if reach < KERNEL_VOXELS_MIN * grid.voxel_size * (1.0 - 1e-9) {
+                    let least = decimal(KERNEL_VOXELS_MIN * grid.voxel_size);
+                    let message = format!("must be at least 1.5 voxels, {least}, found {}", decimal(reach));
+                    self.error("smoke.grid.kernel_radius", "smoke.grid", message);
+                }
+                let oldest = smoke.emitters.iter().map(|e| e.lifetime * (1.0 + e.lifetime_spread)).fold(0.0, f64::max);
+                let widest = (reach * reach + grid.expansion * grid.expansion * oldest).sqrt() / grid.voxel_size;
+                if widest > KERNEL_VOXELS_MAX {
+                    let is_expanding = grid.expansion * grid.expansion * oldest > reach * reach;
+                    let key = if is_expanding { "smoke.grid.expansion" } else { "smoke.grid.kernel_radius" };
+                    let message = format!("kernels reach {widest:.0} voxels; at most {KERNEL_VOXELS_MAX} are allowed");
+                    self.error_help(key, "smoke", message, "take larger voxels, or smaller kernels");
+                }
+            }
+            _ => {}
+        }
+        for (index, emitter) in smoke.emitters.iter().enumerate() {
+            self.emitter(&format!("smoke.emitters[{index}]"), emitter);
+        }
+        if let Some(file) = &smoke.file {
+            self.density_file(&file.path);
+        }
+        let Phase::HenyeyGreenstein { g } = smoke.medium.phase;
+        if g.abs() > G_SENSIBLE {
+            let message = format!("|g| above {G_SENSIBLE} is very noisy");
+            let help = "smoke looks right from 0 to 0.8";
+            self.warning("smoke.medium.phase.henyey_greenstein.g", "smoke.medium", message, help);
+        }
+        self.visibility(smoke);
+    }
+
+    /// Warns of smoke that nobody will see, the commonest cause of an empty picture.
+    fn visibility(&mut self, smoke: &Smoke) {
+        let medium = &smoke.medium;
+        if medium.extinction == 0.0 {
+            let message = "smoke of extinction 0 is invisible";
+            self.warning("smoke.medium.extinction", "smoke.medium", message, "the default is 10");
+            return;
+        }
+        if smoke.emitters.is_empty() {
+            return;
+        }
+        // All smoke spread evenly over the picture: mass [density · m³] times extinction [1/m] over area [m²].
+        let mass: f64 =
+            smoke.emitters.iter().map(|e| if e.rate.is_some() { e.mass * e.lifetime } else { e.mass }).sum();
+        let camera = &self.settings.camera;
+        let distance = length(difference(camera.look_at, camera.position));
+        let height = 2.0 * distance * (camera.vertical_fov_deg.to_radians() / 2.0).tan();
+        let [width_px, height_px] = self.settings.film.resolution.map(f64::from);
+        let optical_depth = mass * medium.extinction / (height * height * width_px / height_px);
+        if optical_depth < OPTICAL_DEPTH_VISIBLE && self.is_sound("camera") && self.is_sound("film") {
+            let message = format!(
+                "the smoke is practically invisible: spread over the picture its optical depth is {optical_depth:.1e}"
+            );
+            let help = "raise `smoke.medium.extinction`, or the `mass` of the emitters";
+            self.warning("smoke.medium.extinction", "smoke", message, help);
+        }
+    }
+
+    fn emitter(&mut self, key: &str, emitter: &Emitter) {
+        let given = [
+            ("point", emitter.point.is_some()),
+            ("disk", emitter.disk.is_some()),
+            ("sphere", emitter.sphere.is_some()),
+            ("box", emitter.cuboid.is_some()),
+            ("mesh", emitter.mesh.is_some()),
+        ];
+        self.exactly_one(key, &given);
+        self.exactly_one(key, &[("rate", emitter.rate.is_some()), ("count", emitter.count.is_some())]);
+        if let Some(disk) = &emitter.disk {
+            self.direction(&format!("{key}.disk.normal"), disk.normal);
+        }
+        if let Some(mesh) = &emitter.mesh {
+            self.emitter_mesh(&format!("{key}.mesh.shape"), &mesh.shape);
+        }
+        let key_stop = format!("{key}.stop");
+        let key_start = format!("{key}.start");
+        match emitter.stop {
+            Some(_) if emitter.count.is_some() => {
+                self.error(&key_stop, &key_stop, "`stop` goes with `rate`; a `count` is born all at once");
+            }
+            Some(stop) if stop <= emitter.start => {
+                let message = format!("must be after `start`, {}, found {}", decimal(emitter.start), decimal(stop));
+                self.error(&key_stop, &key_start, message);
+                return;
+            }
+            _ => {}
+        }
+        let frames = &self.settings.frames;
+        if !self.is_sound("frames") || !self.is_sound("smoke.advect") {
+            return;
+        }
+        let end = f64::from(frames.last.saturating_sub(frames.first)) / frames.fps;
+        let substeps = self.settings.smoke.as_ref().map_or(1, |smoke| smoke.advect.substeps);
+        let step_count = (end - emitter.start) * frames.fps * f64::from(substeps);
+        if step_count > STEP_COUNT_MAX {
+            let message = format!("{step_count:.1e} time steps from here to the last frame; at most 1e7 are allowed");
+            let help = "particles live for `lifetime`, so that nothing changes by starting earlier than that";
+            self.error_help(&key_start, &key_start, message, help);
+        }
+        let amount = match (emitter.rate, emitter.count) {
+            (Some(_), None) => "rate",
+            (None, Some(_)) => "count",
+            _ => return,
+        };
+        if footprint::live_count(emitter, frames) < 1.0 {
+            let message = "no particle of this emitter is alive in any frame";
+            let help = format!("check `{amount}`, `start` and `lifetime`; the first frame is at 0 s");
+            self.warning(&format!("{key}.{amount}"), key, message, help);
+        }
+    }
+
+    fn emitter_mesh(&mut self, key: &str, name: &str) {
+        match self.settings.shapes.get(name) {
+            None => {
+                let meshes = self.settings.shapes.iter().filter(|(_, shape)| shape.mesh.is_some());
+                let names = meshes.map(|(name, _)| name.as_str()).collect();
+                self.unknown_shape(key, name, &names);
+            }
+            Some(shape) if shape.mesh.is_none() && self.is_sound(&format!("shapes.{name}")) => {
+                let message = format!("the shape `{name}` is not a mesh");
+                self.error_help(key, key, message, "for smoke from a simple solid take `disk`, `sphere` or `box`");
+            }
+            _ => {}
+        }
+    }
+
+    fn density_file(&mut self, pattern: &str) {
+        let key = "smoke.file.path";
+        let Some(pattern) = self.pattern(key, pattern, "vdb") else { return };
+        let frames = &self.settings.frames;
+        let count = i64::from(frames.last) - i64::from(frames.first) + 1;
+        if !self.is_sound("frames") || count < 1 {
+            return;
+        }
+        let scene = self.path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+        let looked = if pattern.has_frame() { count.min(FILE_COUNT_MAX) } else { 1 };
+        for frame in (i64::from(frames.first)..).take(looked as usize) {
+            let name = pattern.expand(frame as i32, &scene);
+            if !resolve(self.path, &name).is_file() {
+                self.missing(key, &name);
+                return;
+            }
+        }
+    }
+
+    /// Refuses what cannot fit, before anything is allocated.
+    pub(crate) fn footprint(&mut self) {
+        let limit = self.settings.render.memory_limit_gib * (1u64 << 30) as f64;
+        let gib = |bytes: f64| match bytes / (1u64 << 30) as f64 {
+            size if size < 1.0 => format!("{:.0} MiB", size * 1024.0),
+            size => format!("{size:.1} GiB"),
+        };
+        let film = footprint::film_bytes(&self.settings.film);
+        if !self.is_sound("render.memory_limit_gib") {
+            return;
+        }
+        if film > limit {
+            let [width, height] = self.settings.film.resolution;
+            let message = format!("{width} × {height} pixels need {}; the limit is {}", gib(film), gib(limit));
+            if let Some(diagnostic) = self.error("film.resolution", "film.resolution", message) {
+                diagnostic
+                    .fault(Fault::OverMemoryLimit)
+                    .help("lower the resolution, or raise `render.memory_limit_gib`");
+            }
+        }
+        let Some(smoke) = &self.settings.smoke else { return };
+        if !self.is_sound("frames") || !self.is_sound("smoke.emitters") {
+            return;
+        }
+        let counts: Vec<f64> = smoke.emitters.iter().map(|e| footprint::live_count(e, &self.settings.frames)).collect();
+        let total: f64 = counts.iter().sum();
+        let bytes = total * footprint::PARTICLE_BYTES;
+        if bytes > limit {
+            // The greatest emitter is the one to change.
+            let largest = (0..counts.len()).max_by(|&a, &b| counts[a].total_cmp(&counts[b])).unwrap_or(0);
+            let amount = if smoke.emitters[largest].rate.is_some() { "rate" } else { "count" };
+            let key = format!("smoke.emitters[{largest}].{amount}");
+            let message = format!(
+                "up to {} particles would be alive at once and need {}; the limit is {}",
+                decimal(total.round()),
+                gib(bytes),
+                gib(limit)
+            );
+            if let Some(diagnostic) = self.error(&key, &key, message) {
+                diagnostic
+                    .fault(Fault::OverMemoryLimit)
+                    .help(format!("lower `{amount}` or `lifetime`, or raise `render.memory_limit_gib`"))
+                    .help("more particles make the smoke smoother, not denser: `mass` does that");
+            }
+        }
+    }
+}
