@@ -1,17 +1,21 @@
 //! Signed distances of all kinds of solids, and where they stand in the world.
 
+use crate::geometry::mesh_sdf::MeshSdf;
 use crate::geometry::primitive::Primitive;
 use crate::math::aabb::Aabb;
 use crate::math::jet::Jet;
 use crate::math::real::{Lane, Real};
 use crate::math::space::{Similarity, WorldPoint};
 use glam::{DMat3, Vec3};
+use std::sync::Arc;
 
 /// The signed distance of a solid in its own space.
 #[derive(Debug, Clone)]
 pub enum Sdf {
     /// By a formula, exact.
     Primitive(Primitive),
+    /// Of a mesh, sampled and interpolated.
+    Mesh(Arc<MeshSdf>),
 }
 
 impl Sdf {
@@ -20,6 +24,7 @@ impl Sdf {
     pub fn distance<L: Lane>(&self, p: [L; 3]) -> L {
         match self {
             Self::Primitive(primitive) => primitive.distance(p),
+            Self::Mesh(mesh) => mesh.distance(p),
         }
     }
 
@@ -28,6 +33,7 @@ impl Sdf {
     pub fn jet<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
         match self {
             Self::Primitive(primitive) => primitive.distance(Jet::point(p)),
+            Self::Mesh(mesh) => mesh.jet(p),
         }
     }
 
@@ -35,6 +41,7 @@ impl Sdf {
     pub fn bounds(&self) -> Option<Aabb> {
         match self {
             Self::Primitive(primitive) => primitive.bounds(),
+            Self::Mesh(mesh) => Some(mesh.bounds()),
         }
     }
 }

@@ -36,7 +36,7 @@ impl Solid {
     /// `sdf` as a target of rays; of a half space, a square of half-width `extent` round its point [m, own space].
     /// `None` for distances that are not formulas.
     pub fn try_new(sdf: &PlacedSdf, extent: f64) -> Option<Self> {
-        let Sdf::Primitive(primitive) = *sdf.sdf();
+        let Sdf::Primitive(primitive) = *sdf.sdf() else { return None };
         let bounds = match primitive {
             Primitive::HalfSpace(plane) => {
                 let (s, t) = plane.normal.any_orthonormal_pair();
