@@ -481,7 +481,7 @@ mod tests {
                 let allowed = if is_close {
                     2.5e-4
                 } else if p.iter().all(|x| x.abs() < 1.5) {
-                    2e-3
+                    4e-3
                 } else {
                     0.1
                 };
