@@ -1,10 +1,215 @@
-//! Shapes: distances and hits.
+//! Shapes: distances and hits, built from the scene's settings.
 
 pub mod embree;
 pub mod mesh;
+pub mod mesh_file;
 pub mod mesh_sdf;
 pub mod primitive;
 pub mod sdf;
 pub mod spline;
 pub mod trace;
 pub mod triangle;
+
+use crate::geometry::embree::{EmbreeError, SceneBuilder, TraceScene};
+use crate::geometry::mesh::Mesh;
+use crate::geometry::mesh_file::{MeshFileError, read_mesh};
+use crate::geometry::mesh_sdf::{MeshSdf, MeshSdfError};
+use crate::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
+use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::geometry::trace::Solid;
+use crate::math::space::Similarity;
+use crate::progress::{Progress, Stage};
+use crate::scene::diagnostic::Position;
+use crate::scene::{Scene, settings};
+use glam::{DVec3, Quat};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// All shapes of a scene.
+#[derive(Debug, Clone)]
+pub struct Geometry {
+    /// In the order of their names, which is that of `settings.shapes`.
+    pub shapes: Vec<Shape>,
+    /// What is likely a mistake in a mesh, but well defined.
+    pub warnings: Vec<String>,
+}
+
+/// A solid in the world.
+#[derive(Debug, Clone)]
+pub struct Shape {
+    /// Its key in the scene.
+    pub name: String,
+    /// Its signed distance. Of meshes only where `flow.obstacles` names them.
+    pub sdf: Option<Arc<PlacedSdf>>,
+    /// Its triangles, in world space, where it is a mesh.
+    pub mesh: Option<Arc<Mesh>>,
+    /// Whether light meets it.
+    pub visible: bool,
+    /// What light meets, where it is not a mesh.
+    solid: Option<Arc<Solid>>,
+}
+
+/// Why there is no geometry.
+#[derive(Debug, thiserror::Error)]
+pub enum GeometryError {
+    /// A mesh could not be read.
+    #[error("{place}{source}")]
+    MeshFile {
+        /// Where the scene names it.
+        place: PlaceInScene,
+        /// What is wrong.
+        source: MeshFileError,
+    },
+    /// A mesh's distance could not be sampled.
+    #[error("{place}{source}")]
+    Distance {
+        /// Where the scene names it.
+        place: PlaceInScene,
+        /// What is wrong.
+        source: MeshSdfError,
+    },
+    /// The ray-tracing library failed.
+    #[error(transparent)]
+    Embree(#[from] EmbreeError),
+    /// The caller asked to stop.
+    #[error("stopped while building the geometry")]
+    Cancelled,
+}
+
+/// Where in a scene file something is said: `FILE:LINE:COLUMN: KEY: `.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaceInScene {
+    /// The scene file.
+    pub path: PathBuf,
+    /// Where in it; none for what the command line said.
+    pub position: Option<Position>,
+    /// The key.
+    pub key: String,
+}
+
+impl std::fmt::Display for PlaceInScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:", self.path.display())?;
+        if let Some(Position { line, column }) = self.position {
+            write!(f, "{line}:{column}:")?;
+        }
+        write!(f, " {}: ", self.key)
+    }
+}
+
+impl Geometry {
+    /// Reads the meshes of a scene and samples the distances of those that the flow must go round.
+    ///
+    /// # Errors
+    /// Where a mesh is missing, faulty or too large.
+    pub fn build(scene: &Scene, progress: &dyn Progress) -> Result<Self, GeometryError> {
+        let mut geometry = Self { shapes: Vec::new(), warnings: Vec::new() };
+        progress.begin(Stage::Geometry, scene.settings.shapes.len() as u64);
+        for (name, shape) in &scene.settings.shapes {
+            if progress.is_cancelled() {
+                return Err(GeometryError::Cancelled);
+            }
+            let placement = similarity(&shape.transform);
+            let built = match &shape.mesh {
+                Some(mesh) => geometry.mesh_shape(scene, name, mesh, &placement, shape.visible)?,
+                None => primitive_shape(name, shape, placement),
+            };
+            geometry.shapes.push(built);
+            progress.advance(1);
+        }
+        progress.end(Stage::Geometry);
+        Ok(geometry)
+    }
+
+    fn mesh_shape(
+        &mut self,
+        scene: &Scene,
+        name: &str,
+        settings: &settings::Mesh,
+        placement: &Similarity,
+        visible: bool,
+    ) -> Result<Shape, GeometryError> {
+        let place = |key: &str| {
+            let key = format!("shapes.{name}.mesh.{key}");
+            PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key }
+        };
+        let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
+        let mesh = read_mesh(&scene.resolve(&settings.file), limit)
+            .map_err(|source| GeometryError::MeshFile { place: place("file"), source })?;
+        let is_obstacle = scene.settings.flow.obstacles.iter().any(|obstacle| obstacle == name);
+        let report = mesh.report();
+        if !report.is_clean() && (is_obstacle || report.was_inside_out || report.degenerate_triangles > 0) {
+            self.warnings.push(format!("{}{report}", place("file")));
+        }
+        let sdf = if is_obstacle {
+            let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
+            let sampled = MeshSdf::sample(&mesh, spacing, limit)
+                .map_err(|source| GeometryError::Distance { place: place("distance_voxel"), source })?;
+            Some(Arc::new(PlacedSdf::new(Sdf::Mesh(Arc::new(sampled)), *placement)))
+        } else {
+            None
+        };
+        let mesh = if settings.smooth { mesh } else { mesh.without_normals() };
+        let mesh = Some(Arc::new(mesh.transformed(placement)));
+        Ok(Shape { name: name.into(), sdf, mesh, visible, solid: None })
+    }
+
+    /// The visible shapes as a target of rays.
+    ///
+    /// # Errors
+    /// Where the ray-tracing library is missing or fails; never without a visible shape.
+    pub fn trace_scene(&self) -> Result<TraceScene, GeometryError> {
+        let mut builder = SceneBuilder::new();
+        for (i, shape) in self.shapes.iter().enumerate().filter(|(_, shape)| shape.visible) {
+            if let Some(mesh) = &shape.mesh {
+                builder.add_mesh(mesh.clone(), i as u32)?;
+            } else if let Some(solid) = &shape.solid {
+                builder.add_solid(solid.clone(), i as u32)?;
+            }
+        }
+        Ok(builder.commit()?)
+    }
+}
+
+fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity) -> Shape {
+    let sdf = primitive(settings).map(|p| Arc::new(PlacedSdf::new(Sdf::Primitive(p), placement)));
+    let extent = settings.plane.as_ref().map_or(0.0, |plane| plane.extent);
+    let solid = sdf.as_deref().and_then(|sdf| Solid::try_new(sdf, extent)).map(Arc::new);
+    Shape { name: name.into(), sdf, mesh: None, visible: settings.visible, solid }
+}
+
+fn primitive(shape: &settings::Shape) -> Option<Primitive> {
+    let vector = DVec3::from_array;
+    let direction = |v: settings::Vec3| vector(v).try_normalize().unwrap_or(DVec3::Y);
+    if let Some(s) = &shape.sphere {
+        return Some(Primitive::Sphere(Sphere { center: vector(s.center), radius: s.radius }));
+    }
+    if let Some(s) = &shape.cuboid {
+        let half_size = vector(s.size) * 0.5;
+        let rounding = s.rounding.clamp(0.0, half_size.min_element());
+        return Some(Primitive::Cuboid(Cuboid { center: vector(s.center), half_size, rounding }));
+    }
+    if let Some(s) = &shape.capsule {
+        return Some(Primitive::Capsule(Capsule { start: vector(s.start), end: vector(s.end), radius: s.radius }));
+    }
+    if let Some(s) = &shape.torus {
+        return Some(Primitive::Torus(Torus {
+            center: vector(s.center),
+            axis: direction(s.axis),
+            major_radius: s.major_radius,
+            minor_radius: s.minor_radius,
+        }));
+    }
+    let s = shape.plane.as_ref()?;
+    Some(Primitive::HalfSpace(HalfSpace { point: vector(s.point), normal: direction(s.normal) }))
+}
+
+fn similarity(transform: &settings::Transform) -> Similarity {
+    let axis = DVec3::from_array(transform.rotate_deg.axis).try_normalize().unwrap_or(DVec3::Y);
+    let rotation = match transform.rotate_deg.angle {
+        0.0 => Quat::IDENTITY,
+        angle => Quat::from_axis_angle(axis.as_vec3().normalize(), angle.to_radians() as f32),
+    };
+    let translation = DVec3::from_array(transform.translate).as_vec3();
+    Similarity { scale: transform.scale as f32, rotation, translation }
+}
