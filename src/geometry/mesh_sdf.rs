@@ -479,9 +479,9 @@ mod tests {
             if length(p) > 0.1 {
                 let is_close = exact < 0.1;
                 let allowed = if is_close {
-                    6e-4
+                    1.5e-3
                 } else if p.iter().all(|x| x.abs() < 1.5) {
-                    4e-3
+                    8e-3
                 } else {
                     0.1
                 };

@@ -56,7 +56,7 @@ pub enum GeometryError {
     #[error("{place}{source}")]
     MeshFile {
         /// Where the scene names it.
-        place: PlaceInScene,
+        place: Box<PlaceInScene>,
         /// What is wrong.
         source: MeshFileError,
     },
@@ -64,7 +64,7 @@ pub enum GeometryError {
     #[error("{place}{source}")]
     Distance {
         /// Where the scene names it.
-        place: PlaceInScene,
+        place: Box<PlaceInScene>,
         /// What is wrong.
         source: MeshSdfError,
     },
@@ -131,7 +131,7 @@ impl Geometry {
     ) -> Result<Shape, GeometryError> {
         let place = |key: &str| {
             let key = format!("shapes.{name}.mesh.{key}");
-            PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key }
+            Box::new(PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key })
         };
         let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
         let mesh = read_mesh(&scene.resolve(&settings.file), limit)
