@@ -1,1 +1,169 @@
-//! (under construction)
+//! Light through smoke.
+//!
+//! This file turns settings into camera, lights and media; `integrator.rs` traces paths, `tiles.rs` takes pictures.
+
+pub mod camera;
+pub mod color;
+pub mod environment;
+pub mod environment_file;
+pub mod film;
+pub mod filter;
+pub mod integrator;
+pub mod light;
+pub mod material;
+pub mod medium;
+pub mod phase;
+pub mod sampler;
+pub mod tiles;
+pub mod tracking;
+
+use crate::geometry::Geometry;
+use crate::grid::DensityGrid;
+use crate::math::hash::Seed;
+use crate::math::space::{UnitVec3, WorldPoint};
+use crate::render::camera::Camera;
+use crate::render::environment::Environment;
+use crate::render::film::PixelBounds;
+use crate::render::filter::Filter;
+use crate::render::integrator::{PathLimits, World};
+use crate::render::light::{Light, Rectangle, Sphere};
+use crate::render::material::Material;
+use crate::render::medium::Medium;
+use crate::render::phase::Phase;
+use crate::render::tiles::View;
+use crate::scene::{Scene, settings};
+use glam::Vec3;
+use std::path::PathBuf;
+
+/// What can stop a picture.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The caller asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+    /// A picture of the surroundings cannot be read.
+    #[error("{path}: {problem}", path = path.display())]
+    Environment {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The ray-tracing scene cannot be built.
+    #[error(transparent)]
+    Geometry(#[from] crate::geometry::GeometryError),
+    /// A path brought infinity or NaN: a fault of the program, never painted over.
+    #[error(
+        "pixel ({x}, {y}), sample {sample}: radiance is {radiance}; this is a fault of curlsmoke, please report it with the scene"
+    )]
+    NonFinite {
+        /// Column.
+        x: u32,
+        /// Row.
+        y: u32,
+        /// Number of the path in its pixel.
+        sample: u32,
+        /// What it brought.
+        radiance: glam::Vec3,
+    },
+}
+
+/// Surfaces, materials and lights of a scene: all that stays the same from frame to frame.
+///
+/// # Errors
+/// When Embree refuses the surfaces or a picture of the surroundings cannot be read.
+pub fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, RenderError> {
+    let surfaces = geometry.trace_scene()?;
+    let materials = scene.settings.shapes.values().map(|shape| material(&shape.material)).collect();
+    let lights = scene.settings.lights.iter().map(|l| light(scene, l)).collect::<Result<_, _>>()?;
+    // What the camera looks at is what is lit.
+    let center = world_point(scene.settings.camera.look_at);
+    Ok(World::new(surfaces, materials, lights, center))
+}
+
+/// The smoke of a frame.
+pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Option<Medium> {
+    let medium = &scene.settings.smoke.as_ref()?.medium;
+    let settings::Phase::HenyeyGreenstein { g } = medium.phase;
+    let phase = Phase::HenyeyGreenstein { g: g as f32 };
+    Some(Medium::new(grid, medium.extinction as f32, vec3(medium.albedo), phase))
+}
+
+/// How frame `frame` is taken; `crop` renders a part of it.
+///
+/// # Panics
+/// When the camera looks nowhere, which no valid scene does.
+pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View {
+    let settings = &scene.settings;
+    let (camera, film) = (&settings.camera, &settings.film);
+    let seed = Seed(settings.render.seed);
+    View {
+        camera: Camera::try_new(
+            world_point(camera.position),
+            world_point(camera.look_at),
+            vec3(camera.up),
+            camera.vertical_fov_deg as f32,
+            film.resolution,
+        )
+        .expect("validation refuses cameras that look nowhere"),
+        resolution: film.resolution,
+        bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
+        spp: film.spp,
+        filter: match film.filter {
+            settings::Filter::Box { radius } => Filter::Box { radius: radius as f32 },
+            settings::Filter::BlackmanHarris { radius } => Filter::blackman_harris(radius as f32),
+        },
+        limits: PathLimits { max_bounces: settings.render.max_bounces, roulette_from: settings.render.roulette_from },
+        seed: if settings.render.lock_seed { seed } else { seed.derive(frame as u32 as u64) },
+    }
+}
+
+fn material(material: &settings::Material) -> Material {
+    match material {
+        settings::Material::Diffuse { reflectance } => Material::Diffuse { reflectance: vec3(*reflectance) },
+    }
+}
+
+fn light(scene: &Scene, light: &settings::Light) -> Result<Light, RenderError> {
+    Ok(match light {
+        settings::Light::Sun(sun) => Light::Sun {
+            direction: UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
+            irradiance: vec3(sun.irradiance),
+        },
+        settings::Light::Environment(e) => Light::Environment(environment(scene, e)?),
+        settings::Light::Rectangle(r) => Light::Rectangle(
+            Rectangle::try_new(world_point(r.center), vec3(r.half_u), vec3(r.half_v), vec3(r.radiance))
+                .expect("validation refuses rectangles without area"),
+        ),
+        settings::Light::Sphere(s) => {
+            Light::Sphere(Sphere::new(world_point(s.center), s.radius as f32, vec3(s.radiance)))
+        }
+        settings::Light::Point(p) => {
+            Light::Point { position: world_point(p.position), intensity: vec3(p.intensity) }
+        }
+    })
+}
+
+fn environment(scene: &Scene, e: &settings::Environment) -> Result<Environment, RenderError> {
+    let scale = e.scale.unwrap_or(1.0) as f32;
+    let is_visible = e.visible.unwrap_or(true);
+    if let Some(file) = &e.file {
+        let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
+        let picture = environment_file::read(&scene.resolve(file), limit)?;
+        let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
+        return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));
+    }
+    if let Some(g) = &e.gradient {
+        let [zenith, horizon, nadir] = [g.zenith, g.horizon, g.nadir].map(|c| vec3(c) * scale);
+        return Ok(Environment::gradient(zenith, horizon, nadir, is_visible));
+    }
+    Ok(Environment::constant(vec3(e.radiance.unwrap_or([0.0; 3])) * scale, is_visible))
+}
+
+fn vec3(v: [f64; 3]) -> Vec3 {
+    Vec3::from(v.map(|x| x as f32))
+}
+
+fn world_point(v: [f64; 3]) -> WorldPoint {
+    WorldPoint(vec3(v))
+}

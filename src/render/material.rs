@@ -1,0 +1,86 @@
+//! Surfaces.
+
+use crate::math::space::UnitVec3;
+use crate::render::color::Rgb;
+use glam::Vec3;
+use std::f32::consts::{FRAC_1_PI, TAU};
+
+/// What a surface does to light. Both sides behave alike.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Material {
+    /// Lambert: reflects alike in all directions.
+    Diffuse {
+        /// Share of light reflected, each channel in [0, 1].
+        reflectance: Rgb,
+    },
+}
+
+/// A sampled direction.
+#[derive(Debug, Clone, Copy)]
+pub struct MaterialSample {
+    /// Direction of travel away from the surface.
+    pub direction: UnitVec3,
+    /// Density over solid angle [1/sr].
+    pub pdf: f32,
+    /// Scattering function times cosine over density.
+    pub weight: Rgb,
+}
+
+impl Material {
+    /// Scattering function times the cosine at the surface [1/sr], for light that leaves along `outgoing`; `normal`
+    /// is on the side from which the surface is seen.
+    pub fn value(&self, normal: UnitVec3, outgoing: UnitVec3) -> Rgb {
+        match self {
+            Material::Diffuse { reflectance } => *reflectance * (normal.dot(*outgoing).max(0.0) * FRAC_1_PI),
+        }
+    }
+
+    /// Density [1/sr] with which [`Material::sample`] returns `outgoing`.
+    pub fn pdf(&self, normal: UnitVec3, outgoing: UnitVec3) -> f32 {
+        match self {
+            Material::Diffuse { .. } => normal.dot(*outgoing).max(0.0) * FRAC_1_PI,
+        }
+    }
+
+    /// A direction of travel away from the surface, from two uniform numbers.
+    pub fn sample(&self, normal: UnitVec3, u: [f32; 2]) -> MaterialSample {
+        match self {
+            Material::Diffuse { reflectance } => {
+                let cosine = (1.0 - u[0]).sqrt();
+                let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+                let sine = u[0].sqrt();
+                let direction = normal.from_local(Vec3::new(sine * cos_phi, sine * sin_phi, cosine));
+                MaterialSample { direction, pdf: cosine * FRAC_1_PI, weight: *reflectance }
+            }
+        }
+    }
+
+    /// The colour for the albedo layer.
+    pub fn albedo(&self) -> Rgb {
+        match self {
+            Material::Diffuse { reflectance } => *reflectance,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::hash::{CounterRng, Seed};
+
+    #[test]
+    fn diffuse_samples_have_the_stated_density_and_weight() {
+        let material = Material::Diffuse { reflectance: Vec3::new(0.2, 0.5, 0.8) };
+        let normal = UnitVec3::try_new(Vec3::new(0.2, -0.9, 0.4)).expect("not zero");
+        let mut rng = CounterRng::new(Seed(2));
+        let n = 100_000;
+        let mut mean_cosine = 0.0f64;
+        for _ in 0..n {
+            let s = material.sample(normal, [rng.uniform(), rng.uniform()]);
+            assert!((s.pdf - material.pdf(normal, s.direction)).abs() < 1e-4);
+            assert!((material.value(normal, s.direction) - s.weight * s.pdf).length() < 1e-4);
+            mean_cosine += f64::from(normal.dot(*s.direction)) / n as f64;
+        }
+        assert!((mean_cosine - 2.0 / 3.0).abs() < 3e-3, "{mean_cosine}");
+    }
+}

@@ -1,0 +1,53 @@
+//! The smoke as light sees it.
+
+use crate::geometry::embree::Ray;
+use crate::grid::DensityGrid;
+use crate::grid::majorant::{MajorantGrid, MajorantIterator};
+use crate::math::space::WorldPoint;
+use crate::render::color::Rgb;
+use crate::render::phase::Phase;
+
+/// Smoke: a density grid with coefficients.
+#[derive(Debug)]
+pub struct Medium {
+    grid: DensityGrid,
+    majorants: MajorantGrid,
+    /// Extinction coefficient of density 1 [1/m], ≥ 0.
+    extinction: f32,
+    /// Share of the extinction that scatters, each channel in [0, 1].
+    pub albedo: Rgb,
+    /// Directions of scattering.
+    pub phase: Phase,
+}
+
+impl Medium {
+    /// Smoke with `sigma_t = extinction · density` [1/m].
+    pub fn new(grid: DensityGrid, extinction: f32, albedo: Rgb, phase: Phase) -> Self {
+        let majorants = MajorantGrid::new(&grid);
+        Self { grid, majorants, extinction, albedo, phase }
+    }
+
+    /// Extinction coefficient [1/m] at `p`.
+    #[inline]
+    pub fn sigma_t(&self, p: WorldPoint) -> f32 {
+        self.extinction * self.grid.density_at(self.grid.to_index(p))
+    }
+
+    /// Upper bounds of the *density* on pieces of the ray between `0` and `t_max`; multiply by
+    /// [`Medium::extinction`]. Pieces without smoke may be left out.
+    #[inline]
+    pub fn majorants(&self, ray: &Ray, t_max: f32) -> MajorantIterator<'_> {
+        MajorantIterator::new(&self.majorants, ray.origin, ray.direction, 0.0, t_max)
+    }
+
+    /// Extinction coefficient of density 1 [1/m].
+    #[inline]
+    pub fn extinction(&self) -> f32 {
+        self.extinction
+    }
+
+    /// The density itself.
+    pub fn grid(&self) -> &DensityGrid {
+        &self.grid
+    }
+}
