@@ -57,14 +57,9 @@ mod tests {
 
     #[test]
     fn the_middle_looks_forward_and_the_edges_span_the_field_of_view() {
-        let camera = Camera::try_new(
-            WorldPoint::new(0.0, 1.0, 5.0),
-            WorldPoint::new(0.0, 1.0, 0.0),
-            Vec3::Y,
-            40.0,
-            [200, 100],
-        )
-        .expect("looks somewhere");
+        let camera =
+            Camera::try_new(WorldPoint::new(0.0, 1.0, 5.0), WorldPoint::new(0.0, 1.0, 0.0), Vec3::Y, 40.0, [200, 100])
+                .expect("looks somewhere");
         assert!((*camera.direction(Vec2::new(100.0, 50.0)) - Vec3::NEG_Z).length() < 1e-6);
         let top = camera.direction(Vec2::new(100.0, 0.0));
         let bottom = camera.direction(Vec2::new(100.0, 100.0));

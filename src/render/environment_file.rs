@@ -2,7 +2,7 @@
 
 use crate::render::RenderError;
 use crate::render::color::Rgb;
-use exr::prelude::{ReadChannels, ReadLayers, read};
+use exr::prelude::{ReadChannels, ReadLayers, read as read_image};
 use glam::Vec3;
 use std::io::BufReader;
 use std::path::Path;
@@ -33,7 +33,10 @@ pub fn read(path: &Path, memory_limit: u64) -> Result<Picture, RenderError> {
     let bad = picture.pixels.iter().position(|p| !p.is_finite() || p.min_element() < 0.0);
     if let Some(i) = bad {
         let (x, y) = (i % picture.width, i / picture.width);
-        return Err(fail(format!("pixel ({x}, {y}) is {}: radiance must be a number that is not negative", picture.pixels[i])));
+        return Err(fail(format!(
+            "pixel ({x}, {y}) is {}: radiance must be a number that is not negative",
+            picture.pixels[i]
+        )));
     }
     Ok(picture)
 }
@@ -54,7 +57,7 @@ fn read_exr(path: &Path, memory_limit: u64) -> Result<Picture, String> {
     for header in &meta.headers {
         check_size(header.layer_size.width(), header.layer_size.height(), memory_limit)?;
     }
-    let image = read()
+    let image = read_image()
         .no_deep_data()
         .largest_resolution_level()
         .rgb_channels(
@@ -82,8 +85,7 @@ fn read_hdr(path: &Path, memory_limit: u64) -> Result<Picture, String> {
     check_size(width as usize, height as usize, memory_limit)?;
     let mut bytes = vec![0u8; decoder.total_bytes() as usize];
     decoder.read_image(&mut bytes).map_err(|e| e.to_string())?;
-    let floats: Vec<f32> =
-        bytes.chunks_exact(4).map(|c| f32::from_ne_bytes([c[0], c[1], c[2], c[3]])).collect();
+    let floats: Vec<f32> = bytes.chunks_exact(4).map(|c| f32::from_ne_bytes([c[0], c[1], c[2], c[3]])).collect();
     let pixels = floats.chunks_exact(3).map(Vec3::from_slice).collect();
     Ok(Picture { width: width as usize, height: height as usize, pixels })
 }

@@ -100,7 +100,8 @@ impl World {
 
     /// Whether a surface or a light other than number `target` is in the way.
     fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
-        let behind_light = |(i, light): (usize, &Light)| i != target && light.intersect(ray).is_some_and(|h| h.t < t_max);
+        let behind_light =
+            |(i, light): (usize, &Light)| i != target && light.intersect(ray).is_some_and(|h| h.t < t_max);
         self.surfaces.is_occluded(ray, 0.0, t_max) || self.lights.iter().enumerate().any(behind_light)
     }
 }

@@ -133,7 +133,11 @@ impl Sphere {
         // Distance of the ray from the centre from the cross product: exact for far balls where squares cancel.
         let off_sq = to_center.cross(*ray.direction).length_squared();
         let half_chord = (self.radius * self.radius - off_sq).sqrt();
-        let t = if to_center.length_squared() > self.radius * self.radius { along - half_chord } else { along + half_chord };
+        let t = if to_center.length_squared() > self.radius * self.radius {
+            along - half_chord
+        } else {
+            along + half_chord
+        };
         (t > 1e-6).then_some(t)
     }
 
@@ -156,9 +160,8 @@ impl Sphere {
             UnitVec3::Y.from_local(local(2.0 * u[0]))
         };
         let pdf = self.pdf(from);
-        let distance = self
-            .distance_along(&Ray { origin: from, direction })
-            .unwrap_or_else(|| to_center.dot(*direction).max(0.0));
+        let distance =
+            self.distance_along(&Ray { origin: from, direction }).unwrap_or_else(|| to_center.dot(*direction).max(0.0));
         Some(LightSample { direction, distance, weight: self.radiance / pdf, pdf: Some(pdf) })
     }
 }

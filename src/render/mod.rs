@@ -138,9 +138,7 @@ fn light(scene: &Scene, light: &settings::Light) -> Result<Light, RenderError> {
         settings::Light::Sphere(s) => {
             Light::Sphere(Sphere::new(world_point(s.center), s.radius as f32, vec3(s.radiance)))
         }
-        settings::Light::Point(p) => {
-            Light::Point { position: world_point(p.position), intensity: vec3(p.intensity) }
-        }
+        settings::Light::Point(p) => Light::Point { position: world_point(p.position), intensity: vec3(p.intensity) },
     })
 }
 

@@ -5,6 +5,7 @@
 //! and are unbiased for every bound that is one.
 
 use crate::geometry::embree::Ray;
+use crate::grid::majorant::Segment;
 use crate::math::hash::CounterRng;
 use crate::render::medium::Medium;
 
@@ -27,28 +28,14 @@ pub enum Event {
 /// Samples where light that starts at the ray's origin first meets smoke before `t_max` [m]; `u` in [0, 1) decides the
 /// first optical distance and `stream` everything after.
 pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: &mut CounterRng) -> Event {
-    let mut tau_left = optical_distance(u);
+    let mut flight = Flight { tau_left: optical_distance(u) };
     for segment in medium.majorants(ray, t_max) {
-        let sigma_maj = segment.density_max * medium.extinction();
-        if sigma_maj <= 0.0 {
-            continue;
-        }
-        let mut t = f64::from(segment.t0);
-        let end = f64::from(segment.t1);
-        loop {
-            // In f64: in very dense smoke a step is smaller than the last digit of an f32 distance.
-            let next = t + f64::from(tau_left / sigma_maj);
-            if next >= end {
-                tau_left -= (end - t) as f32 * sigma_maj;
-                break;
+        let mut piece = Piece::new(medium, ray, &segment);
+        while let Some(share) = flight.next_candidate(&mut piece) {
+            if stream.uniform() < share {
+                return Event::Collision { t: piece.t as f32 };
             }
-            t = next;
-            let sigma_t = medium.sigma_t(ray.at(t as f32));
-            debug_assert!(sigma_t <= sigma_maj * 1.0001, "majorant {sigma_maj} below {sigma_t}");
-            if stream.uniform() * sigma_maj < sigma_t {
-                return Event::Collision { t: t as f32 };
-            }
-            tau_left = optical_distance(stream.uniform());
+            flight.tau_left = optical_distance(stream.uniform());
         }
     }
     Event::Escape
@@ -57,32 +44,64 @@ pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: 
 /// An unbiased estimate, in [0, 1], of the transmittance from the ray's origin to distance `t_max` [m].
 pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut CounterRng) -> f32 {
     let mut transmittance = 1.0;
-    let mut tau_left = optical_distance(stream.uniform());
+    let mut flight: Option<Flight> = None;
     for segment in medium.majorants(ray, t_max) {
-        let sigma_maj = segment.density_max * medium.extinction();
-        if sigma_maj <= 0.0 {
-            continue;
-        }
-        let mut t = f64::from(segment.t0);
-        let end = f64::from(segment.t1);
-        loop {
-            let next = t + f64::from(tau_left / sigma_maj);
-            if next >= end {
-                tau_left -= (end - t) as f32 * sigma_maj;
-                break;
-            }
-            t = next;
-            transmittance *= 1.0 - (medium.sigma_t(ray.at(t as f32)) / sigma_maj).min(1.0);
+        let mut piece = Piece::new(medium, ray, &segment);
+        // Drawn only where there is smoke: an empty grid must leave the stream as it is.
+        let flight = flight.get_or_insert_with(|| Flight { tau_left: optical_distance(stream.uniform()) });
+        while let Some(share) = flight.next_candidate(&mut piece) {
+            transmittance *= 1.0 - share;
             if transmittance < ROULETTE_BELOW {
                 if stream.uniform() * ROULETTE_BELOW >= transmittance {
                     return 0.0;
                 }
                 transmittance = ROULETTE_BELOW;
             }
-            tau_left = optical_distance(stream.uniform());
+            flight.tau_left = optical_distance(stream.uniform());
         }
     }
     transmittance
+}
+
+/// A flight through homogenised smoke, real and fictitious: `tau_left` is the optical distance to its next collision.
+struct Flight {
+    tau_left: f32,
+}
+
+/// A piece of the ray on which the majorant is constant, and how far along it the flight is.
+struct Piece<'a> {
+    medium: &'a Medium,
+    ray: &'a Ray,
+    sigma_maj: f32,
+    // In f64: in very dense smoke a step is smaller than the last digit of an f32 distance.
+    t: f64,
+    end: f64,
+}
+
+impl<'a> Piece<'a> {
+    #[inline]
+    fn new(medium: &'a Medium, ray: &'a Ray, segment: &Segment) -> Self {
+        let sigma_maj = segment.density_max * medium.extinction();
+        Self { medium, ray, sigma_maj, t: f64::from(segment.t0), end: f64::from(segment.t1) }
+    }
+}
+
+impl Flight {
+    /// Flies to the next collision on the piece, real or fictitious, and returns the probability in [0, 1] that it is
+    /// real; `None` where the piece ends first.
+    #[inline]
+    fn next_candidate(&mut self, piece: &mut Piece) -> Option<f32> {
+        let next = piece.t + f64::from(self.tau_left / piece.sigma_maj);
+        // Not `next >= end`: without smoke the quotient is infinite or, for a distance of 0, no number.
+        if !(next < piece.end) {
+            self.tau_left -= (piece.end - piece.t) as f32 * piece.sigma_maj;
+            return None;
+        }
+        piece.t = next;
+        let sigma_t = piece.medium.sigma_t(piece.ray.at(next as f32));
+        debug_assert!(sigma_t <= piece.sigma_maj * 1.0001, "majorant {} below {sigma_t}", piece.sigma_maj);
+        Some((sigma_t / piece.sigma_maj).min(1.0))
+    }
 }
 
 /// An exponentially distributed optical distance from a uniform number in [0, 1).
