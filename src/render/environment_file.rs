@@ -4,8 +4,8 @@ use crate::render::RenderError;
 use crate::render::color::Rgb;
 use exr::prelude::{ReadChannels, ReadLayers, read as read_image};
 use glam::Vec3;
-use std::io::BufReader;
 use std::path::Path;
+use zune_core::bytestream::ZCursor;
 
 /// Radiances by longitude and latitude, top row first.
 #[derive(Debug, Clone)]
@@ -78,14 +78,11 @@ fn read_exr(path: &Path, memory_limit: u64) -> Result<Picture, String> {
 }
 
 fn read_hdr(path: &Path, memory_limit: u64) -> Result<Picture, String> {
-    use image::ImageDecoder;
-    let file = std::fs::File::open(path).map_err(|e| e.to_string())?;
-    let decoder = image::codecs::hdr::HdrDecoder::new(BufReader::new(file)).map_err(|e| e.to_string())?;
-    let (width, height) = decoder.dimensions();
-    check_size(width as usize, height as usize, memory_limit)?;
-    let mut bytes = vec![0u8; decoder.total_bytes() as usize];
-    decoder.read_image(&mut bytes).map_err(|e| e.to_string())?;
-    let floats: Vec<f32> = bytes.chunks_exact(4).map(|c| f32::from_ne_bytes([c[0], c[1], c[2], c[3]])).collect();
-    let pixels = floats.chunks_exact(3).map(Vec3::from_slice).collect();
-    Ok(Picture { width: width as usize, height: height as usize, pixels })
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    let mut decoder = zune_hdr::HdrDecoder::new(ZCursor::new(bytes));
+    decoder.decode_headers().map_err(|e| format!("{e:?}"))?;
+    let (width, height) = decoder.dimensions().ok_or("the header has no size")?;
+    check_size(width, height, memory_limit)?;
+    let floats = decoder.decode().map_err(|e| format!("{e:?}"))?;
+    Ok(Picture { width, height, pixels: floats.chunks_exact(3).map(Vec3::from_slice).collect() })
 }

@@ -2,8 +2,9 @@
 
 use crate::geometry::embree::Ray;
 use crate::grid::DensityGrid;
+use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::{MajorantGrid, MajorantIterator};
-use crate::math::space::WorldPoint;
+use crate::math::space::IndexPoint;
 use crate::render::color::Rgb;
 use crate::render::phase::Phase;
 
@@ -29,12 +30,18 @@ impl Medium {
 
     /// Extinction coefficient [1/m] at `p`.
     #[inline]
-    pub fn sigma_t(&self, p: WorldPoint) -> f32 {
-        self.extinction * self.grid.density_at(self.grid.to_index(p))
+    pub fn sigma_t(&self, p: IndexPoint) -> f32 {
+        self.extinction * self.grid.density_at(p)
     }
 
-    /// Upper bounds of the *density* on pieces of the ray between `0` and `t_max`; multiply by
-    /// [`Medium::extinction`]. Pieces without smoke may be left out.
+    /// The ray in the index space of the density.
+    #[inline]
+    pub fn ray_to_index(&self, ray: &Ray) -> IndexRay {
+        self.grid.ray_to_index(ray.origin, ray.direction)
+    }
+
+    /// Upper bounds of the *density* on pieces of the ray between `0` and `t_max`; times
+    /// [`Medium::extinction`] they bound `sigma_t`. Pieces without smoke are left out.
     #[inline]
     pub fn majorants(&self, ray: &Ray, t_max: f32) -> MajorantIterator<'_> {
         MajorantIterator::new(&self.majorants, ray.origin, ray.direction, 0.0, t_max)

@@ -5,6 +5,7 @@
 //! and are unbiased for every bound that is one.
 
 use crate::geometry::embree::Ray;
+use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::Segment;
 use crate::math::hash::CounterRng;
 use crate::render::medium::Medium;
@@ -29,8 +30,9 @@ pub enum Event {
 /// first optical distance and `stream` everything after.
 pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: &mut CounterRng) -> Event {
     let mut flight = Flight { tau_left: optical_distance(u) };
+    let line = medium.ray_to_index(ray);
     for segment in medium.majorants(ray, t_max) {
-        let mut piece = Piece::new(medium, ray, &segment);
+        let mut piece = Piece::new(medium, line, &segment);
         while let Some(share) = flight.next_candidate(&mut piece) {
             if stream.uniform() < share {
                 return Event::Collision { t: piece.t as f32 };
@@ -45,8 +47,9 @@ pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: 
 pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut CounterRng) -> f32 {
     let mut transmittance = 1.0;
     let mut flight: Option<Flight> = None;
+    let line = medium.ray_to_index(ray);
     for segment in medium.majorants(ray, t_max) {
-        let mut piece = Piece::new(medium, ray, &segment);
+        let mut piece = Piece::new(medium, line, &segment);
         // Drawn only where there is smoke: an empty grid must leave the stream as it is.
         let flight = flight.get_or_insert_with(|| Flight { tau_left: optical_distance(stream.uniform()) });
         while let Some(share) = flight.next_candidate(&mut piece) {
@@ -71,7 +74,7 @@ struct Flight {
 /// A piece of the ray on which the majorant is constant, and how far along it the flight is.
 struct Piece<'a> {
     medium: &'a Medium,
-    ray: &'a Ray,
+    line: IndexRay,
     sigma_maj: f32,
     // In f64: in very dense smoke a step is smaller than the last digit of an f32 distance.
     t: f64,
@@ -80,9 +83,9 @@ struct Piece<'a> {
 
 impl<'a> Piece<'a> {
     #[inline]
-    fn new(medium: &'a Medium, ray: &'a Ray, segment: &Segment) -> Self {
+    fn new(medium: &'a Medium, line: IndexRay, segment: &Segment) -> Self {
         let sigma_maj = segment.density_max * medium.extinction();
-        Self { medium, ray, sigma_maj, t: f64::from(segment.t0), end: f64::from(segment.t1) }
+        Self { medium, line, sigma_maj, t: f64::from(segment.t0), end: f64::from(segment.t1) }
     }
 }
 
@@ -98,7 +101,7 @@ impl Flight {
             return None;
         }
         piece.t = next;
-        let sigma_t = piece.medium.sigma_t(piece.ray.at(next as f32));
+        let sigma_t = piece.medium.sigma_t(piece.line.at(next as f32));
         debug_assert!(sigma_t <= piece.sigma_maj * 1.0001, "majorant {} below {sigma_t}", piece.sigma_maj);
         Some((sigma_t / piece.sigma_maj).min(1.0))
     }

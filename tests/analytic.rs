@@ -1,0 +1,370 @@
+//! Light transport with known answers.
+
+mod support;
+
+use curlsmoke::geometry::trace::Ray;
+use curlsmoke::grid::DensityGrid;
+use curlsmoke::math::hash::{CounterRng, Seed};
+use curlsmoke::math::space::{UnitVec3, WorldPoint};
+use curlsmoke::progress::Silent;
+use curlsmoke::render;
+use curlsmoke::render::medium::Medium;
+use glam::Vec3;
+use std::f64::consts::PI;
+use support::{Stage, centered_grid, estimate, stage};
+
+fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
+    Ray {
+        origin: WorldPoint(Vec3::from(origin)),
+        direction: UnitVec3::try_new(Vec3::from(direction)).expect("not zero"),
+    }
+}
+
+fn medium(stage: &Stage, grid: DensityGrid) -> Medium {
+    render::build_medium(&stage.scene, grid).expect("the scene has smoke")
+}
+
+/// Optical depth along a ray between two distances by the midpoint rule in double precision.
+fn optical_depth(medium: &Medium, ray: &Ray, t0: f64, t1: f64, steps: usize) -> f64 {
+    let dt = (t1 - t0) / steps as f64;
+    let density = |i: usize| f64::from(medium.grid().density(ray.at((t0 + (i as f64 + 0.5) * dt) as f32)));
+    (0..steps).map(density).sum::<f64>() * dt * f64::from(medium.extinction())
+}
+
+const SMOKE: &str = "
+camera: {position: [0, 0, 5], look_at: [0, 0, 0]}
+film: {resolution: [32, 24], spp: 16}
+";
+
+/// A lumpy density between 0 and 1.
+fn lumps(p: WorldPoint) -> f32 {
+    let p = p.0 * 5.0;
+    (0.5 + 0.5 * (p.x.sin() * p.y.cos() + (p.z + 0.3).sin() * 0.5)).clamp(0.0, 1.0) * f32::from(p.x.sin() > -0.5)
+}
+
+#[test]
+fn transmittance_is_that_of_beer_and_lambert() {
+    let stage = stage(&format!(
+        "{SMOKE}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 2.5, albedo: [0, 0, 0]}}}}
+lights: [{{environment: {{radiance: [1, 1, 1]}}}}]
+"
+    ));
+    for (name, density) in
+        [("homogeneous", (|_| 1.0) as fn(WorldPoint) -> f32), ("lumpy", lumps as fn(WorldPoint) -> f32)]
+    {
+        let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, density));
+        let beam = ray([0.11, 0.07, 5.0], [0.02, 0.01, -1.0]);
+        let expected = (-optical_depth(&medium, &beam, 3.0, 7.0, 400_000)).exp();
+        let found = estimate(&stage, Some(&medium), 10_000_000, 1, |_| beam);
+        println!("Beer-Lambert, {name}: {} ± {}, expected {expected}", found.mean, found.standard_error);
+        assert!(found.z(expected) < 3.0);
+    }
+}
+
+#[test]
+fn a_white_furnace_stays_white() {
+    // A ball that shines all around everything makes paths meet the light, sample it, and weigh both.
+    let stage = stage(&format!(
+        "{SMOKE}
+render: {{max_bounces: 100000}}
+shapes:
+  ball: {{sphere: {{center: [0.2, 0, 0], radius: 0.3}}, material: {{diffuse: {{reflectance: [1, 1, 1]}}}}}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 3, albedo: [1, 1, 1], phase: {{henyey_greenstein: {{g: 0.4}}}}}}}}
+lights: [{{sphere: {{center: [0, 0, 0], radius: 20, radiance: [1, 1, 1]}}}}]
+"
+    ));
+    let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+    for (name, beam) in
+        [("outside", ray([0.1, 0.05, 5.0], [0.0, 0.0, -1.0])), ("inside", ray([-0.5, 0.1, 0.2], [0.7, 0.2, -0.3]))]
+    {
+        let found = estimate(&stage, Some(&medium), 10_000_000, 2, |_| beam);
+        println!("white furnace, camera {name}: {} ± {}", found.mean, found.standard_error);
+        assert!(found.z(1.0) < 3.0);
+        assert!(found.standard_error < 1e-3);
+    }
+}
+
+#[test]
+fn a_white_furnace_of_sky_alone_is_white_in_every_path() {
+    let stage = stage(&format!(
+        "{SMOKE}
+render: {{max_bounces: 100000}}
+shapes:
+  ring: {{torus: {{center: [0, 0, 0], major_radius: 0.5, minor_radius: 0.1}}, material: {{diffuse: {{reflectance: [1, 1, 1]}}}}}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 20, albedo: [1, 1, 1]}}}}
+lights: [{{environment: {{radiance: [1, 1, 1]}}}}]
+"
+    ));
+    let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+    let film = render::tiles::render(&render::build_view(&stage.scene, 1, None), &stage.world, Some(&medium), &Silent)
+        .expect("renders");
+    for pixel in &film.pixels {
+        assert!((pixel.mean - 1.0).abs().max_element() < 1e-4, "{:?}", pixel.mean);
+        assert_eq!(pixel.alpha, 1.0);
+    }
+}
+
+/// Radiance scattered once towards the camera along `beam`, from a light given by its direction, distance and
+/// irradiance at a point.
+fn single_scattering(
+    medium: &Medium,
+    beam: &Ray,
+    phase: impl Fn(f64) -> f64,
+    samples: &[(usize, f64)],
+    light: impl Fn(WorldPoint, usize) -> (UnitVec3, f64, f64),
+) -> f64 {
+    const STEPS: usize = 1500;
+    let (t0, t1) = (3.0, 7.0);
+    let dt = (t1 - t0) / STEPS as f64;
+    let mut tau = 0.0;
+    let mut radiance = 0.0;
+    for i in 0..STEPS {
+        let p = beam.at((t0 + (i as f64 + 0.5) * dt) as f32);
+        let sigma = f64::from(medium.grid().density(p)) * f64::from(medium.extinction());
+        let transmittance = (-(tau + 0.5 * sigma * dt)).exp();
+        tau += sigma * dt;
+        if sigma == 0.0 {
+            continue;
+        }
+        for &(which, weight) in samples {
+            let (to_light, distance, irradiance) = light(p, which);
+            let shadow = Ray { origin: p, direction: to_light };
+            let towards = (-optical_depth(medium, &shadow, 0.0, distance.min(4.0), 600)).exp();
+            // The cosine between directions of travel: light comes along −to_light and leaves along −beam.
+            let cosine = f64::from(to_light.dot(*beam.direction));
+            radiance += weight * sigma * dt * transmittance * phase(cosine) * irradiance * towards;
+        }
+    }
+    radiance
+}
+
+fn henyey_greenstein(g: f64) -> impl Fn(f64) -> f64 {
+    move |c| (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * c).powf(1.5))
+}
+
+#[test]
+fn single_scattering_equals_quadrature_for_every_light() {
+    let setting = |light: &str| {
+        stage(&format!(
+            "{SMOKE}
+render: {{max_bounces: 1}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 2, albedo: [0.8, 0.8, 0.8], phase: {{henyey_greenstein: {{g: 0.5}}}}}}}}
+lights: [{light}]
+"
+        ))
+    };
+    let beam = ray([0.05, 0.12, 5.0], [0.0, 0.0, -1.0]);
+    let phase = henyey_greenstein(0.5);
+    let check = |name: &str, stage: &Stage, expected: &dyn Fn(&Medium) -> f64| {
+        let medium = medium(stage, centered_grid([12, 12, 12], 0.1, lumps));
+        let expected = expected(&medium) * 0.8;
+        let found = estimate_single(stage, &medium, 1_000_000, beam);
+        println!("single scattering, {name}: {} ± {}, quadrature {expected}", found.mean, found.standard_error);
+        // The quadrature itself is good to a few parts in ten thousand.
+        assert!((found.mean - expected).abs() < 3.0 * found.standard_error + 5e-4 * expected, "{name}");
+    };
+
+    let sun = setting("{sun: {direction: [0.5, -1, 0.25], irradiance: [3, 3, 3]}}");
+    let to_sun = UnitVec3::try_new(Vec3::new(-0.5, 1.0, -0.25)).expect("not zero");
+    check("sun", &sun, &|m| single_scattering(m, &beam, &phase, &[(0, 1.0)], |_, _| (to_sun, 1e3, 3.0)));
+
+    let point = setting("{point: {position: [1, 1.5, 0.5], intensity: [4, 4, 4]}}");
+    let at = WorldPoint::new(1.0, 1.5, 0.5);
+    check("point", &point, &|m| {
+        single_scattering(m, &beam, &phase, &[(0, 1.0)], |p, _| {
+            let d = at - p;
+            (UnitVec3::try_new(d).expect("apart"), f64::from(d.length()), 4.0 / f64::from(d.length_squared()))
+        })
+    });
+
+    let rectangle =
+        setting("{rectangle: {center: [0, 1.5, 0], half_u: [0.5, 0, 0], half_v: [0, 0, 0.4], radiance: [5, 5, 5]}}");
+    const SIDE: usize = 8;
+    let cells: Vec<(usize, f64)> = (0..SIDE * SIDE).map(|i| (i, 1.0 / (SIDE * SIDE) as f64)).collect();
+    // half_u × half_v points down, towards the smoke: that is the front.
+    check("rectangle", &rectangle, &|m| {
+        single_scattering(m, &beam, &phase, &cells, |p, i| {
+            let along = |k: usize| (k as f32 + 0.5) / SIDE as f32 * 2.0 - 1.0;
+            let q = WorldPoint::new(0.5 * along(i % SIDE), 1.5, 0.4 * along(i / SIDE));
+            let d = q - p;
+            let (direction, d_sq) = (UnitVec3::try_new(d).expect("apart"), f64::from(d.length_squared()));
+            (direction, d_sq.sqrt(), 5.0 * 0.8 * f64::from(direction.y) / d_sq)
+        })
+    });
+
+    let ball = setting("{sphere: {center: [1, 1.5, 0.5], radius: 0.05, radiance: [400, 400, 400]}}");
+    check("small ball", &ball, &|m| {
+        single_scattering(m, &beam, &phase, &[(0, 1.0)], |p, _| {
+            let d = at - p;
+            let d_sq = f64::from(d.length_squared());
+            (UnitVec3::try_new(d).expect("apart"), d_sq.sqrt() - 0.05, 400.0 * PI * 0.0025 / d_sq)
+        })
+    });
+}
+
+/// As [`estimate`], for paths that are meant to be cut after one scattering: what later ones would add is left out
+/// because the direct connection comes before the cut.
+fn estimate_single(stage: &Stage, medium: &Medium, count: usize, beam: Ray) -> support::Estimate {
+    use curlsmoke::render::film::PathCounts;
+    use curlsmoke::render::integrator::Integrator;
+    use curlsmoke::render::sampler::Sampler;
+    use rayon::prelude::*;
+    let limits = render::build_view(&stage.scene, 1, None).limits;
+    let integrator = Integrator { world: &stage.world, medium: Some(medium), limits };
+    const BLOCK: u32 = 4096;
+    let means: Vec<f64> = (0..count as u32 / BLOCK)
+        .into_par_iter()
+        .map(|block| {
+            let mut counts = PathCounts::default();
+            let sum: f64 = (0..BLOCK)
+                .map(|i| {
+                    let mut sampler = Sampler::new(Seed(3), block, 0, i);
+                    f64::from(integrator.trace(beam, &mut sampler, &mut counts).radiance.x)
+                })
+                .sum();
+            sum / f64::from(BLOCK)
+        })
+        .collect();
+    let n = means.len() as f64;
+    let mean = means.iter().sum::<f64>() / n;
+    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    support::Estimate { mean, standard_error: (variance / n).sqrt() }
+}
+
+/// Chandrasekhar's H function for isotropic scattering with single-scattering albedo `albedo`, at `mu` (Chandrasekhar
+/// 1960, *Radiative Transfer*, §37–38), by iteration on a Gauss–Legendre-fine midpoint grid.
+fn chandrasekhar_h(albedo: f64, mu: f64) -> f64 {
+    const N: usize = 2000;
+    let nodes: Vec<f64> = (0..N).map(|i| (i as f64 + 0.5) / N as f64).collect();
+    let mut h = vec![1.0; N];
+    let value = |h: &[f64], mu: f64| {
+        let s: f64 = nodes.iter().zip(h).map(|(&m, &hm)| m * hm / (mu + m)).sum::<f64>() / N as f64 * 0.5 * albedo;
+        // The form that converges for every albedo: 1/H = sqrt(1 − ω) + (ω/2) ∫ μ' H(μ')/(μ + μ') dμ'.
+        1.0 / ((1.0 - albedo).sqrt() + s)
+    };
+    for _ in 0..60 {
+        h = nodes.iter().map(|&m| value(&h, m)).collect();
+    }
+    value(&h, mu)
+}
+
+#[test]
+fn a_half_space_of_smoke_reflects_as_chandrasekhar_says() {
+    let (albedo, mu0) = (0.9f64, 0.6f64);
+    let stage = stage(&format!(
+        "{SMOKE}
+render: {{max_bounces: 100000}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 4, albedo: [{albedo}, {albedo}, {albedo}]}}}}
+lights: [{{sun: {{direction: [0.8, -0.6, 0], irradiance: [2, 2, 2]}}}}]
+"
+    ));
+    // 256 mean free paths across and 128 deep: no light reaches the sides or the bottom.
+    let medium = medium(&stage, centered_grid([64, 32, 64], 1.0, |_| 1.0));
+    let beam = ray([0.3, 40.0, -0.2], [0.0, -1.0, 0.0]);
+    let expected =
+        albedo * 2.0 / (4.0 * PI) * mu0 / (1.0 + mu0) * chandrasekhar_h(albedo, 1.0) * chandrasekhar_h(albedo, mu0);
+    let found = estimate(&stage, Some(&medium), 1_000_000, 4, |_| beam);
+    println!("half space: {} ± {}, Chandrasekhar {expected}", found.mean, found.standard_error);
+    assert!(found.z(expected) < 3.0);
+    assert!(found.standard_error < 3e-3 * expected);
+}
+
+#[test]
+fn light_may_go_either_way() {
+    // The flux that an irregular cloud scatters from direction a into direction b equals that from −b into −a.
+    let (a, b) = (Vec3::new(0.3, -0.8, 0.5), Vec3::new(-0.6, 0.1, 0.75));
+    let flux = |incoming: Vec3, outgoing: Vec3, seed: u64| {
+        let stage = stage(&format!(
+            "{SMOKE}
+render: {{max_bounces: 100000}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 6, albedo: [0.9, 0.9, 0.9], phase: {{henyey_greenstein: {{g: 0.6}}}}}}}}
+lights: [{{sun: {{direction: [{}, {}, {}], irradiance: [1, 1, 1]}}}}]
+",
+            incoming.x, incoming.y, incoming.z
+        ));
+        let medium = medium(&stage, centered_grid([12, 12, 12], 0.1, lumps));
+        let out = UnitVec3::try_new(outgoing).expect("not zero");
+        let (u, v) = out.orthonormal_pair();
+        estimate(&stage, Some(&medium), 3_000_000, seed, |block| {
+            // Parallel beams all over the cloud's silhouette, one for each block.
+            let mut rng = CounterRng::new(Seed(77).derive(block as u64));
+            let (x, y) = (rng.uniform() * 2.4 - 1.2, rng.uniform() * 2.4 - 1.2);
+            Ray { origin: WorldPoint(u * x + v * y + *out * 4.0), direction: -out }
+        })
+    };
+    let (there, back) = (flux(a, b, 5), flux(-b, -a, 6));
+    println!("reciprocity: {there:?} {back:?}");
+    let z = (there.mean - back.mean).abs() / there.standard_error.hypot(back.standard_error);
+    assert!(z < 3.0);
+}
+
+#[test]
+fn very_dense_smoke_is_opaque_and_finite() {
+    let stage = stage(&format!(
+        "{SMOKE}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 1e6, albedo: [0.5, 0.5, 0.5]}}}}
+lights: [{{sun: {{direction: [0, -1, -1], irradiance: [3, 3, 3]}}}}, {{environment: {{radiance: [100, 100, 100]}}}}]
+"
+    ));
+    let medium = medium(&stage, centered_grid([8, 8, 8], 0.5, |_| 1.0));
+    let film = render::tiles::render(&render::build_view(&stage.scene, 1, None), &stage.world, Some(&medium), &Silent)
+        .expect("renders");
+    let middle = film.pixels[12 * 32 + 16];
+    assert_eq!(middle.alpha, 1.0);
+    assert!(middle.mean.x > 0.0 && middle.mean.x < 100.0, "{:?}", middle.mean);
+}
+
+#[test]
+fn an_empty_box_equals_no_box_bit_for_bit() {
+    let stage = stage(&format!(
+        "{SMOKE}
+shapes:
+  floor: {{plane: {{point: [0, -1, 0]}}}}
+  ball: {{sphere: {{center: [0, 0, 0], radius: 0.7}}}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 10}}}}
+lights:
+  - sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}
+  - environment: {{gradient: {{zenith: [0.2, 0.4, 1], horizon: [1, 1, 1], nadir: [0.1, 0.1, 0.1]}}}}
+"
+    ));
+    let view = render::build_view(&stage.scene, 1, None);
+    let empty = medium(&stage, centered_grid([16, 16, 16], 0.1, |_| 0.0));
+    let with = render::tiles::render(&view, &stage.world, Some(&empty), &Silent).expect("renders");
+    let without = render::tiles::render(&view, &stage.world, None, &Silent).expect("renders");
+    assert_eq!(with.pixels, without.pixels);
+}
+
+#[test]
+fn pictures_do_not_depend_on_threads_or_crop() {
+    use curlsmoke::render::film::PixelBounds;
+    let stage = stage(&format!(
+        "{SMOKE}
+shapes:
+  ball: {{sphere: {{center: [0.4, 0, 0], radius: 0.5}}}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 10}}}}
+lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{environment: {{radiance: [1, 1, 1]}}}}]
+"
+    ));
+    let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+    let picture = |threads: usize, crop: Option<PixelBounds>| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let view = render::build_view(&stage.scene, 1, crop);
+        pool.install(|| render::tiles::render(&view, &stage.world, Some(&medium), &Silent)).expect("renders")
+    };
+    let whole = picture(1, None);
+    for threads in [2, 7] {
+        let other = picture(threads, None);
+        assert_eq!(whole.pixels, other.pixels);
+        assert_eq!(whole.paths, other.paths);
+    }
+    let crop = PixelBounds { x0: 5, y0: 3, x1: 27, y1: 22 };
+    let part = picture(2, Some(crop));
+    for y in crop.y0..crop.y1 {
+        for x in crop.x0..crop.x1 {
+            let of_whole = whole.pixels[(y * 32 + x) as usize];
+            let of_part = part.pixels[((y - crop.y0) * crop.width() + x - crop.x0) as usize];
+            assert_eq!(of_whole, of_part, "({x}, {y})");
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! What several integration tests share.
+
+use curlsmoke::geometry::Geometry;
+use curlsmoke::geometry::trace::Ray;
+use curlsmoke::grid::DensityGrid;
+use curlsmoke::math::hash::Seed;
+use curlsmoke::math::space::WorldPoint;
+use curlsmoke::progress::Silent;
+use curlsmoke::render;
+use curlsmoke::render::film::PathCounts;
+use curlsmoke::render::integrator::{Integrator, World};
+use curlsmoke::render::medium::Medium;
+use curlsmoke::render::sampler::Sampler;
+use curlsmoke::scene::Scene;
+use glam::UVec3;
+use rayon::prelude::*;
+use std::path::Path;
+
+/// A scene with its surfaces and lights ready.
+pub struct Stage {
+    pub scene: Scene,
+    pub world: World,
+}
+
+/// Builds a scene from its text; `version` is put in front.
+pub fn stage(yaml: &str) -> Stage {
+    let scene = Scene::from_text(&format!("version: 1\n{yaml}"), Path::new("test.yaml"))
+        .unwrap_or_else(|e| panic!("the test's scene is wrong: {e}"));
+    let geometry = Geometry::build(&scene, &Silent).expect("shapes of the test can be built");
+    let world = render::build_world(&scene, &geometry).expect("lights of the test can be built");
+    Stage { scene, world }
+}
+
+/// A grid of `dims` voxels of edge `h` about the origin.
+pub fn centered_grid(dims: [u32; 3], h: f32, density: impl Fn(WorldPoint) -> f32 + Sync) -> DensityGrid {
+    let dims = UVec3::from(dims);
+    let origin = WorldPoint(dims.as_vec3() * (-0.5 * h));
+    DensityGrid::from_fn(origin, h, dims, 1 << 30, density).expect("small")
+}
+
+/// Mean and standard error of an estimator.
+#[derive(Debug, Clone, Copy)]
+pub struct Estimate {
+    pub mean: f64,
+    pub standard_error: f64,
+}
+
+impl Estimate {
+    /// Distance from `expected` in standard errors; float rounding of the sum counts as one part in a million.
+    pub fn z(&self, expected: f64) -> f64 {
+        (self.mean - expected).abs() / self.standard_error.max(1e-6 * expected.abs())
+    }
+}
+
+/// Mean red radiance of `count` paths, whose camera rays are `ray(i)` for the running number of the block.
+///
+/// Samples within a block are stratified and so not independent; the error is taken from the means of blocks.
+pub fn estimate(
+    stage: &Stage,
+    medium: Option<&Medium>,
+    count: usize,
+    seed: u64,
+    ray: impl Fn(usize) -> Ray + Sync,
+) -> Estimate {
+    const BLOCK: usize = 4096;
+    let view = render::build_view(&stage.scene, 1, None);
+    let integrator = Integrator { world: &stage.world, medium, limits: view.limits };
+    let blocks = count.div_ceil(BLOCK);
+    let means: Vec<f64> = (0..blocks)
+        .into_par_iter()
+        .map(|block| {
+            let mut counts = PathCounts::default();
+            let sum: f64 = (0..BLOCK as u32)
+                .map(|i| {
+                    let mut sampler = Sampler::new(Seed(seed), block as u32, 0, i);
+                    f64::from(integrator.trace(ray(block), &mut sampler, &mut counts).radiance.x)
+                })
+                .sum();
+            assert_eq!(counts.truncated, 0, "the test's paths must not be cut");
+            sum / BLOCK as f64
+        })
+        .collect();
+    let n = means.len() as f64;
+    let mean = means.iter().sum::<f64>() / n;
+    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    Estimate { mean, standard_error: (variance / n).sqrt() }
+}
