@@ -2,7 +2,7 @@
 
 mod support;
 
-use curlsmoke::geometry::trace::Ray;
+use curlsmoke::geometry::embree::Ray;
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};

@@ -50,7 +50,7 @@ pub struct Integrator<'a> {
 /// A place where light changes direction.
 enum Vertex<'a> {
     Smoke { point: WorldPoint, medium: &'a Medium, before: UnitVec3 },
-    Surface { hit: Hit, ray: Ray, normal: UnitVec3, material: &'a Material },
+    Surface { hit: Hit, before: UnitVec3, normal: UnitVec3, material: &'a Material },
 }
 
 /// A direction to go on along, with its density [1/sr] and the throughput's factor.
@@ -128,7 +128,7 @@ impl<'a> Integrator<'a> {
                         contribution.alpha = 1.0;
                         return contribution;
                     }
-                    (None, Some(hit)) => self.surface_vertex(hit, ray),
+                    (None, Some(hit)) => self.surface_vertex(hit, ray.direction),
                     (None, None) => {
                         self.add_background(&ray, throughput, direction_pdf, bounce == 0, &mut contribution);
                         return contribution;
@@ -176,12 +176,12 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn surface_vertex(&self, hit: Hit, ray: Ray) -> Vertex<'a> {
+    fn surface_vertex(&self, hit: Hit, before: UnitVec3) -> Vertex<'a> {
         let material = &self.world.materials[hit.shape_idx as usize];
         // Materials act alike on both sides: look at the surface from the side the path came from.
-        let is_front = hit.normal.dot(*ray.direction) < 0.0;
+        let is_front = hit.normal.dot(*before) < 0.0;
         let shading = if is_front { hit.shading_normal } else { -hit.shading_normal };
-        Vertex::Surface { hit, ray, normal: shading, material }
+        Vertex::Surface { hit, before, normal: shading, material }
     }
 
     fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, is_camera: bool, out: &mut Contribution) {
@@ -226,7 +226,7 @@ impl Vertex<'_> {
     fn point(&self) -> WorldPoint {
         match self {
             Vertex::Smoke { point, .. } => *point,
-            Vertex::Surface { hit, ray, .. } => ray.at(hit.t),
+            Vertex::Surface { hit, .. } => hit.position,
         }
     }
 
@@ -234,7 +234,7 @@ impl Vertex<'_> {
     fn leave(&self, direction: UnitVec3) -> WorldPoint {
         match self {
             Vertex::Smoke { point, .. } => *point,
-            Vertex::Surface { hit, ray, .. } => hit.offset_origin(ray, direction),
+            Vertex::Surface { hit, .. } => hit.offset_origin(direction),
         }
     }
 
@@ -242,9 +242,9 @@ impl Vertex<'_> {
     fn value(&self, direction: UnitVec3) -> Rgb {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.albedo * medium.phase.value(*before, direction),
-            Vertex::Surface { hit, ray, normal, material } => {
+            Vertex::Surface { hit, before, normal, material } => {
                 // Shading normals must not let light through the surface.
-                let same_side = hit.normal.dot(*direction) * hit.normal.dot(*ray.direction) < 0.0;
+                let same_side = hit.normal.dot(*direction) * hit.normal.dot(**before) < 0.0;
                 if same_side { material.value(*normal, direction) } else { Vec3::ZERO }
             }
         }
@@ -263,9 +263,9 @@ impl Vertex<'_> {
                 let s = medium.phase.sample(*before, u);
                 Scattering { direction: s.direction, pdf: s.pdf, weight: medium.albedo }
             }
-            Vertex::Surface { hit, ray, normal, material } => {
+            Vertex::Surface { hit, before, normal, material } => {
                 let s = material.sample(*normal, u);
-                let same_side = hit.normal.dot(*s.direction) * hit.normal.dot(*ray.direction) < 0.0;
+                let same_side = hit.normal.dot(*s.direction) * hit.normal.dot(**before) < 0.0;
                 let weight = if same_side { s.weight } else { Vec3::ZERO };
                 Scattering { direction: s.direction, pdf: s.pdf, weight }
             }

@@ -5,7 +5,6 @@
 pub mod camera;
 pub mod color;
 pub mod environment;
-pub mod environment_file;
 pub mod film;
 pub mod filter;
 pub mod integrator;
@@ -22,7 +21,7 @@ use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::camera::Camera;
-use crate::render::environment::Environment;
+use crate::render::environment::{Environment, RadiancePicture};
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
 use crate::render::integrator::{PathLimits, World};
@@ -33,7 +32,7 @@ use crate::render::phase::Phase;
 use crate::render::tiles::View;
 use crate::scene::{Scene, settings};
 use glam::Vec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What can stop a picture.
 #[derive(Debug, thiserror::Error)]
@@ -68,14 +67,17 @@ pub enum RenderError {
     },
 }
 
+/// Reads a picture of the surroundings, or says what is wrong with it: file formats are not this stage's business.
+pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<RadiancePicture, String>;
+
 /// Surfaces, materials and lights of a scene: all that stays the same from frame to frame.
 ///
 /// # Errors
-/// When Embree refuses the surfaces or a picture of the surroundings cannot be read.
-pub fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, RenderError> {
+/// When Embree refuses the surfaces or a picture of the surroundings cannot be used.
+pub fn build_world(scene: &Scene, geometry: &Geometry, load: LoadPicture) -> Result<World, RenderError> {
     let surfaces = geometry.trace_scene()?;
     let materials = scene.settings.shapes.values().map(|shape| material(&shape.material)).collect();
-    let lights = scene.settings.lights.iter().map(|l| light(scene, l)).collect::<Result<_, _>>()?;
+    let lights = scene.settings.lights.iter().map(|l| light(scene, l, load)).collect::<Result<_, _>>()?;
     // What the camera looks at is what is lit.
     let center = world_point(scene.settings.camera.look_at);
     Ok(World::new(surfaces, materials, lights, center))
@@ -124,13 +126,13 @@ fn material(material: &settings::Material) -> Material {
     }
 }
 
-fn light(scene: &Scene, light: &settings::Light) -> Result<Light, RenderError> {
+fn light(scene: &Scene, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
     Ok(match light {
         settings::Light::Sun(sun) => Light::Sun {
             direction: UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
             irradiance: vec3(sun.irradiance),
         },
-        settings::Light::Environment(e) => Light::Environment(environment(scene, e)?),
+        settings::Light::Environment(e) => Light::Environment(environment(scene, e, load)?),
         settings::Light::Rectangle(r) => Light::Rectangle(
             Rectangle::try_new(world_point(r.center), vec3(r.half_u), vec3(r.half_v), vec3(r.radiance))
                 .expect("validation refuses rectangles without area"),
@@ -142,12 +144,14 @@ fn light(scene: &Scene, light: &settings::Light) -> Result<Light, RenderError> {
     })
 }
 
-fn environment(scene: &Scene, e: &settings::Environment) -> Result<Environment, RenderError> {
+fn environment(scene: &Scene, e: &settings::Environment, load: LoadPicture) -> Result<Environment, RenderError> {
     let scale = e.scale.unwrap_or(1.0) as f32;
     let is_visible = e.visible.unwrap_or(true);
     if let Some(file) = &e.file {
-        let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
-        let picture = environment_file::read(&scene.resolve(file), limit)?;
+        let path = scene.resolve(file);
+        let fail = |problem| RenderError::Environment { path: path.clone(), problem };
+        let picture = load(&path).map_err(fail)?;
+        picture.check().map_err(fail)?;
         let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
         return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));
     }

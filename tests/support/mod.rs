@@ -1,7 +1,7 @@
 //! What several integration tests share.
 
 use curlsmoke::geometry::Geometry;
-use curlsmoke::geometry::trace::Ray;
+use curlsmoke::geometry::embree::Ray;
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::math::hash::Seed;
 use curlsmoke::math::space::WorldPoint;
@@ -27,7 +27,7 @@ pub fn stage(yaml: &str) -> Stage {
     let scene = Scene::from_text(&format!("version: 1\n{yaml}"), Path::new("test.yaml"))
         .unwrap_or_else(|e| panic!("the test's scene is wrong: {e}"));
     let geometry = Geometry::build(&scene, &Silent).expect("shapes of the test can be built");
-    let world = render::build_world(&scene, &geometry).expect("lights of the test can be built");
+    let world = render::build_world(&scene, &geometry, &|_| Err("tests bring no pictures".into())).expect("lights of the test can be built");
     Stage { scene, world }
 }
 

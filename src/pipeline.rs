@@ -1,0 +1,376 @@
+//! Runs the stages in order and times them; the only file that names them all.
+
+use crate::error::Error;
+use crate::geometry::Geometry;
+use crate::grid::splat::{SplatInput, SplatSettings, splat};
+use crate::grid::{DensityGrid, vdb};
+use crate::output::film_image::{Layers, Origin, image_of_film};
+use crate::output::frames::check_distinct;
+use crate::output::image::SampleKind;
+use crate::output::sidecar::{self, Sidecar, sidecar_path};
+use crate::output::{self, exr, file, png};
+use crate::particles::ParticleSystem;
+use crate::progress::{Progress, Stage};
+use crate::render::environment::RadiancePicture;
+use crate::render::film::{Film, PixelBounds};
+use crate::render::integrator::World;
+use crate::render::{self, tiles};
+use crate::scene::pattern::Pattern;
+use crate::scene::settings::{Aov, View};
+use crate::scene::{Scene, settings};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What to render.
+#[derive(Debug, Clone)]
+pub struct RenderJob {
+    /// Frames, in the order in which they are made.
+    pub frames: Vec<i32>,
+    /// The part of the picture to render; all of it where `None`.
+    pub crop: Option<PixelBounds>,
+    /// Leave frames alone that are whole and made from this very scene.
+    pub resume: bool,
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone)]
+pub enum FrameOutcome {
+    /// It was there already.
+    Kept {
+        /// Number of the frame.
+        frame: i32,
+    },
+    /// It was made.
+    Made(Box<Sidecar>),
+}
+
+/// Renders frames and writes their files; calls `on_frame` after each.
+///
+/// # Errors
+/// The first that any stage meets. Frames finished before it stay.
+pub fn render(
+    scene: &Scene,
+    job: &RenderJob,
+    progress: &dyn Progress,
+    on_frame: &mut dyn FnMut(&FrameOutcome),
+) -> Result<(), Error> {
+    let files = OutputFiles::new(scene)?;
+    check_distinct(&job.frames, |frame| files.image(frame))?;
+    for &frame in job.frames.first().into_iter().chain(job.frames.last()) {
+        file::check_writable(&files.image(frame))?;
+    }
+    let inputs = InputHash::new(scene, job.crop)?;
+    let mut studio: Option<Studio> = None;
+    for (index, &frame) in job.frames.iter().enumerate() {
+        progress.frame(frame, index, job.frames.len());
+        let sidecar_file = sidecar_path(&files.image(frame));
+        let fingerprint = inputs.fingerprint(scene, frame)?;
+        if job.resume && sidecar::is_complete(&sidecar_file, &fingerprint) {
+            on_frame(&FrameOutcome::Kept { frame });
+            continue;
+        }
+        let mut record = Sidecar {
+            frame,
+            fingerprint,
+            version: env!("CARGO_PKG_VERSION").into(),
+            spp: scene.settings.film.spp,
+            ..Sidecar::default()
+        };
+        // Built for the first frame that is made, so that a run with nothing to do ends at once.
+        let studio = match &mut studio {
+            Some(studio) => studio,
+            none => none.insert(Studio::build(scene, progress, &mut record)?),
+        };
+        let film = studio.take_picture(scene, frame, job.crop, progress, &mut record)?;
+        write_frame(scene, &files, &film, &sidecar_file, progress, record, on_frame)?;
+    }
+    Ok(())
+}
+
+/// Writes the density of each frame as a .vdb file; `on_frame` gets the file of each.
+///
+/// # Errors
+/// The first that any stage meets. Files finished before it stay.
+pub fn bake(
+    scene: &Scene,
+    frames: &[i32],
+    volume_pattern: Option<&str>,
+    progress: &dyn Progress,
+    on_frame: &mut dyn FnMut(i32, &Path, &DensityGrid),
+) -> Result<(), Error> {
+    let pattern = parse_pattern(volume_pattern.unwrap_or(&scene.settings.output.volume))?;
+    let file_of = |frame: i32| PathBuf::from(pattern.expand(frame, scene.name()));
+    check_distinct(frames, file_of)?;
+    let mut record = Sidecar::default();
+    let geometry = timed(progress, Stage::Geometry, &mut record, 0, || Geometry::build(scene, progress))?;
+    let mut smoke = SmokeSource::build(scene, &geometry)?;
+    for (index, &frame) in frames.iter().enumerate() {
+        progress.frame(frame, index, frames.len());
+        let grid = smoke.grid(scene, frame, progress, &mut record)?.ok_or(Error::NothingToBake)?;
+        let path = file_of(frame);
+        timed(progress, Stage::Write, &mut record, 0, || {
+            let bytes = vdb::write_float_grid("density", &grid);
+            file::write_atomic(&path, &bytes)
+        })?;
+        on_frame(frame, &path, &grid);
+    }
+    Ok(())
+}
+
+/// What stays the same from frame to frame.
+struct Studio {
+    world: World,
+    smoke: SmokeSource,
+}
+
+impl Studio {
+    fn build(scene: &Scene, progress: &dyn Progress, record: &mut Sidecar) -> Result<Self, Error> {
+        timed(progress, Stage::Geometry, record, 0, || {
+            let geometry = Geometry::build(scene, progress)?;
+            let world = render::build_world(scene, &geometry, &|path| load_picture(path, memory_limit(scene)))?;
+            let smoke = SmokeSource::build(scene, &geometry)?;
+            Ok(Self { world, smoke })
+        })
+    }
+
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        frame: i32,
+        crop: Option<PixelBounds>,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<Film, Error> {
+        let grid = self.smoke.grid(scene, frame, progress, record)?;
+        let medium = grid.and_then(|grid| render::build_medium(scene, grid));
+        let view = render::build_view(scene, frame, crop);
+        let samples = view.bounds.area() as u64 * u64::from(view.spp);
+        let film = timed(progress, Stage::Render, record, samples, || {
+            tiles::render(&view, &self.world, medium.as_ref(), progress)
+        })?;
+        let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
+        record.samples_per_second = samples as f64 / seconds.max(1e-9);
+        record.truncated_paths = film.paths.truncated as f64 / film.paths.traced.max(1) as f64;
+        Ok(film)
+    }
+}
+
+/// Where the density of a frame comes from.
+enum SmokeSource {
+    None,
+    Particles { system: Box<ParticleSystem>, splat: SplatSettings },
+    File { pattern: Pattern, grid_name: String },
+}
+
+impl SmokeSource {
+    fn build(scene: &Scene, geometry: &Geometry) -> Result<Self, Error> {
+        let Some(smoke) = &scene.settings.smoke else { return Ok(Self::None) };
+        if let Some(density) = &smoke.file {
+            let pattern = parse_pattern(&density.path)?;
+            return Ok(Self::File { pattern, grid_name: density.density.clone() });
+        }
+        let Some(grid) = &smoke.grid else { return Ok(Self::None) };
+        let frames = &scene.settings.frames;
+        let splat = SplatSettings {
+            voxel_size: grid.voxel_size as f32,
+            shutter_seconds: frames.shutter.map(|s| s / frames.fps),
+            memory_limit_bytes: memory_limit(scene),
+        };
+        Ok(Self::Particles { system: Box::new(ParticleSystem::build(scene, geometry)?), splat })
+    }
+
+    fn grid(
+        &mut self,
+        scene: &Scene,
+        frame: i32,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<Option<DensityGrid>, Error> {
+        let grid = match self {
+            Self::None => return Ok(None),
+            Self::Particles { system, splat: settings } => {
+                let before = system.penetrations();
+                let start = Instant::now();
+                let particles = system.at_frame(frame, progress)?;
+                record.add_time(Stage::Advect, start.elapsed());
+                record.particles = particles.mass.len() as u64;
+                let input = SplatInput {
+                    position: particles.position.each_ref().map(Vec::as_slice),
+                    velocity: particles.velocity.each_ref().map(Vec::as_slice),
+                    mass: &particles.mass,
+                    radius: &particles.radius,
+                };
+                let grid = timed(progress, Stage::Grid, record, 0, || splat(&input, settings))?;
+                record.penetrations = system.penetrations() - before;
+                grid
+            }
+            Self::File { pattern, grid_name } => {
+                let path = scene.resolve(&pattern.expand(frame, scene.name()));
+                timed(progress, Stage::Grid, record, 0, || vdb::read_float_grid(&path, grid_name, memory_limit(scene)))?
+            }
+        };
+        record.grid.active_voxels = grid.active_voxel_count();
+        record.grid.bytes = grid.memory_bytes();
+        Ok(Some(grid))
+    }
+}
+
+/// Names of a sequence's files.
+struct OutputFiles {
+    image: Pattern,
+    preview: Option<Pattern>,
+    scene_name: String,
+}
+
+impl OutputFiles {
+    fn new(scene: &Scene) -> Result<Self, Error> {
+        let output = &scene.settings.output;
+        Ok(Self {
+            image: parse_pattern(&output.image)?,
+            preview: output.preview.as_deref().map(parse_pattern).transpose()?,
+            scene_name: scene.name().into(),
+        })
+    }
+
+    fn image(&self, frame: i32) -> PathBuf {
+        self.image.expand(frame, &self.scene_name).into()
+    }
+
+    fn preview(&self, frame: i32) -> Option<PathBuf> {
+        self.preview.as_ref().map(|p| p.expand(frame, &self.scene_name).into())
+    }
+}
+
+fn write_frame(
+    scene: &Scene,
+    files: &OutputFiles,
+    film: &Film,
+    sidecar_file: &Path,
+    progress: &dyn Progress,
+    mut record: Sidecar,
+    on_frame: &mut dyn FnMut(&FrameOutcome),
+) -> Result<(), Error> {
+    let settings = &scene.settings;
+    let origin = Origin {
+        scene_hash: record.fingerprint.clone(),
+        seed: settings.render.seed,
+        frame: record.frame,
+        fps: settings.frames.fps,
+        shutter: settings.frames.shutter,
+    };
+    let mut written = Vec::new();
+    let start = Instant::now();
+    progress.begin(Stage::Write, 0);
+    let image = image_of_film(film, layers(&settings.output.aovs), SampleKind::Half, &origin);
+    written.push((files.image(record.frame), exr::write(&image, exr::Compression::Zips)?));
+    if let Some(path) = files.preview(record.frame) {
+        let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
+        let size = [film.bounds.width(), film.bounds.height()];
+        written.push((path, png::encode(&rgb, size, view(settings.output.view), settings.output.exposure_ev)?));
+    }
+    for (path, bytes) in &written {
+        file::write_atomic(path, bytes)?;
+        record.add_file(sidecar_file, path, bytes);
+    }
+    progress.end(Stage::Write);
+    record.add_time(Stage::Write, start.elapsed());
+    record.memory_peak = sidecar::memory_peak();
+    record.host = sidecar::this_host(rayon::current_num_threads());
+    // Last: where it stands, the frame is whole.
+    record.write(sidecar_file)?;
+    on_frame(&FrameOutcome::Made(Box::new(record)));
+    Ok(())
+}
+
+/// Hash of everything that all frames depend on.
+struct InputHash {
+    settings: Vec<u8>,
+    files: String,
+}
+
+impl InputHash {
+    fn new(scene: &Scene, crop: Option<PixelBounds>) -> Result<Self, Error> {
+        let mut settings = scene.settings.clone();
+        // What changes no pixel of a frame must not make it stale.
+        settings.frames.last = settings.frames.first;
+        settings.output.image.clear();
+        settings.output.volume.clear();
+        settings.render.memory_limit_gib = 0.0;
+        let mut files = Vec::new();
+        for shape in settings.shapes.values() {
+            files.extend(shape.mesh.as_ref().map(|m| scene.resolve(&m.file)));
+        }
+        for light in &settings.lights {
+            if let settings::Light::Environment(e) = light {
+                files.extend(e.file.as_ref().map(|f| scene.resolve(f)));
+            }
+        }
+        let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;
+        let mut text = serde_json::to_vec(&settings).map_err(|e| Error::Internal(e.to_string()))?;
+        text.extend(format!("{crop:?}").bytes());
+        Ok(Self { settings: text, files: hashes.concat() })
+    }
+
+    fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
+        let mut volume = String::new();
+        if let Some(density) = scene.settings.smoke.as_ref().and_then(|s| s.file.as_ref()) {
+            let path = scene.resolve(&parse_pattern(&density.path)?.expand(frame, scene.name()));
+            volume = file_hash(&path)?;
+        }
+        let version = env!("CARGO_PKG_VERSION");
+        let parts = [version.as_bytes(), &self.settings, self.files.as_bytes(), volume.as_bytes(), &frame.to_le_bytes()];
+        Ok(sidecar::fingerprint(&parts))
+    }
+}
+
+fn file_hash(path: &Path) -> Result<String, Error> {
+    Ok(sidecar::sha256_of_file(path)?)
+}
+
+fn parse_pattern(text: &str) -> Result<Pattern, Error> {
+    Pattern::parse(text).map_err(|e| Error::Pattern(text.into(), e))
+}
+
+fn memory_limit(scene: &Scene) -> u64 {
+    (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64
+}
+
+fn load_picture(path: &Path, memory_limit: u64) -> Result<RadiancePicture, String> {
+    let image = output::read_image(path, memory_limit).map_err(|e| e.to_string())?;
+    let rgb = image.to_rgb("").ok_or("the picture has no channels R, G and B")?;
+    let [width, height] = image.data_size.map(|n| n as usize);
+    Ok(RadiancePicture { width, height, pixels: rgb.into_iter().map(glam::Vec3::from).collect() })
+}
+
+fn layers(aovs: &[Aov]) -> Layers {
+    Layers {
+        depth: aovs.contains(&Aov::Depth),
+        normal: aovs.contains(&Aov::Normal),
+        albedo: aovs.contains(&Aov::Albedo),
+        variance: aovs.contains(&Aov::Variance),
+    }
+}
+
+fn view(view: View) -> png::View {
+    match view {
+        View::Standard => png::View::Standard,
+        View::Neutral => png::View::Neutral,
+        View::Raw => png::View::Raw,
+    }
+}
+
+/// Runs one stage with its progress and notes its time.
+fn timed<T, E>(
+    progress: &dyn Progress,
+    stage: Stage,
+    record: &mut Sidecar,
+    total: u64,
+    work: impl FnOnce() -> Result<T, E>,
+) -> Result<T, E> {
+    progress.begin(stage, total);
+    let start = Instant::now();
+    let result = work();
+    record.add_time(stage, start.elapsed());
+    progress.end(stage);
+    result
+}
