@@ -23,3 +23,7 @@ pub mod grid;
 pub mod render;
 
 pub mod output;
+
+pub mod error;
+
+pub mod pipeline;

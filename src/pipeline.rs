@@ -109,7 +109,7 @@ pub fn bake(
         let grid = smoke.grid(scene, frame, progress, &mut record)?.ok_or(Error::NothingToBake)?;
         let path = file_of(frame);
         timed(progress, Stage::Write, &mut record, 0, || {
-            let bytes = vdb::write_float_grid("density", &grid);
+            let bytes = vdb::write_float_grids(&[("density", &grid)], vdb::VdbWriteSettings::default());
             file::write_atomic(&path, &bytes)
         })?;
         on_frame(frame, &path, &grid);

@@ -4,6 +4,7 @@ pub mod agreement;
 pub mod compare;
 pub mod exr;
 pub mod file;
+pub mod film_image;
 pub mod frames;
 pub mod hdr;
 pub mod heat_map;

@@ -144,6 +144,26 @@ pub fn sha256(bytes: &[u8]) -> String {
     hexadecimal(&Sha256::digest(bytes))
 }
 
+/// SHA-256 of a file's contents in hexadecimal digits, read piece by piece.
+///
+/// # Errors
+/// When the file is missing or unreadable.
+pub fn sha256_of_file(path: &Path) -> Result<String, OutputError> {
+    let unreadable = |cause: std::io::Error| match cause.kind() {
+        std::io::ErrorKind::NotFound => OutputError::Missing { path: path.into() },
+        _ => OutputError::Unreadable { path: path.into(), cause },
+    };
+    let mut file = std::fs::File::open(path).map_err(unreadable)?;
+    let mut hash = Sha256::new();
+    let mut piece = vec![0; 1 << 16];
+    loop {
+        match std::io::Read::read(&mut file, &mut piece).map_err(unreadable)? {
+            0 => return Ok(hexadecimal(&hash.finalize())),
+            n => hash.update(&piece[..n]),
+        }
+    }
+}
+
 fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -1,0 +1,105 @@
+//! What can fail at the top: each stage's own error, and the exit code that tells scripts which kind it was.
+
+use crate::geometry::GeometryError;
+use crate::grid::GridError;
+use crate::grid::vdb::{VdbError, VdbProblem};
+use crate::output::OutputError;
+use crate::output::frames::FramesError;
+use crate::particles::ParticlesError;
+use crate::render::RenderError;
+use crate::scene::SceneError;
+use crate::scene::diagnostic::Fault;
+use crate::scene::pattern::PatternError;
+
+/// Why a command ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// Shapes.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    /// Particles.
+    #[error(transparent)]
+    Particles(#[from] ParticlesError),
+    /// The density grid.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    /// A .vdb file.
+    #[error(transparent)]
+    Vdb(#[from] VdbError),
+    /// Light transport.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// Pictures and other files.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// Lists of frames.
+    #[error(transparent)]
+    Frames(#[from] FramesError),
+    /// A pattern for file names.
+    #[error("the file name pattern `{0}`: {1}")]
+    Pattern(String, PatternError),
+    /// A wrong argument.
+    #[error("{0}")]
+    Usage(String),
+    /// A scene without smoke cannot be baked.
+    #[error("the scene has no smoke; add `smoke` with `emitters` and `grid`, or `file`")]
+    NothingToBake,
+    /// The caller asked to stop.
+    #[error("stopped; finished frames are whole, and --resume goes on from there")]
+    Cancelled,
+    /// A fault of the program.
+    #[error("{0}; this is a fault of curlsmoke, please report it")]
+    Internal(String),
+}
+
+impl Error {
+    /// The program's exit code: 1 render failure, 2 usage, 3 invalid scene or input, 4 missing file, 5 output not
+    /// writable, 6 over the memory limit. A signal's own code is for whoever received it to add.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Error::Scene(e) => match e.fault() {
+                Fault::Invalid => 3,
+                Fault::MissingFile => 4,
+                Fault::OverMemoryLimit => 6,
+            },
+            Error::Geometry(e) => e.exit_code(),
+            Error::Particles(ParticlesError::OverMemoryLimit { .. }) => 6,
+            Error::Particles(ParticlesError::NotFinite { .. }) => 1,
+            Error::Particles(_) | Error::NothingToBake => 3,
+            Error::Grid(e) => grid_exit_code(e),
+            Error::Vdb(e) => match &e.problem {
+                VdbProblem::Io(io) if io.kind() == std::io::ErrorKind::NotFound => 4,
+                VdbProblem::TooLarge { .. } => 6,
+                VdbProblem::Grid { error, .. } => grid_exit_code(error),
+                _ => 3,
+            },
+            Error::Render(RenderError::Environment { .. }) => 3,
+            Error::Render(RenderError::Geometry(e)) => e.exit_code(),
+            Error::Render(_) | Error::Cancelled | Error::Internal(_) => 1,
+            Error::Output(e) => match e {
+                OutputError::Missing { .. } => 4,
+                OutputError::Unwritable { .. } => 5,
+                OutputError::TooLarge { .. } => 6,
+                OutputError::Encoding { .. } => 1,
+                _ => 3,
+            },
+            Error::Frames(_) | Error::Usage(_) => 2,
+            Error::Pattern(..) => 3,
+        }
+    }
+
+    /// Whether the command ended because the caller asked it to.
+    pub fn is_cancelled(&self) -> bool {
+        matches!(
+            self,
+            Error::Cancelled | Error::Render(RenderError::Cancelled) | Error::Particles(ParticlesError::Cancelled)
+        )
+    }
+}
+
+fn grid_exit_code(e: &GridError) -> u8 {
+    if matches!(e, GridError::OverMemory { .. }) { 6 } else { 3 }
+}
