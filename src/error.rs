@@ -1,6 +1,8 @@
 //! What can fail at the top: each stage's own error, and the exit code that tells scripts which kind it was.
 
 use crate::geometry::GeometryError;
+use crate::geometry::mesh_file::MeshFileError;
+use crate::geometry::mesh_sdf::MeshSdfError;
 use crate::grid::GridError;
 use crate::grid::vdb::{VdbError, VdbProblem};
 use crate::output::OutputError;
@@ -65,7 +67,7 @@ impl Error {
                 Fault::MissingFile => 4,
                 Fault::OverMemoryLimit => 6,
             },
-            Error::Geometry(e) => e.exit_code(),
+            Error::Geometry(e) => geometry_exit_code(e),
             Error::Particles(ParticlesError::OverMemoryLimit { .. }) => 6,
             Error::Particles(ParticlesError::NotFinite { .. }) => 1,
             Error::Particles(_) | Error::NothingToBake => 3,
@@ -77,7 +79,7 @@ impl Error {
                 _ => 3,
             },
             Error::Render(RenderError::Environment { .. }) => 3,
-            Error::Render(RenderError::Geometry(e)) => e.exit_code(),
+            Error::Render(RenderError::Geometry(e)) => geometry_exit_code(e),
             Error::Render(_) | Error::Cancelled | Error::Internal(_) => 1,
             Error::Output(e) => match e {
                 OutputError::Missing { .. } => 4,
@@ -95,11 +97,23 @@ impl Error {
     pub fn is_cancelled(&self) -> bool {
         matches!(
             self,
-            Error::Cancelled | Error::Render(RenderError::Cancelled) | Error::Particles(ParticlesError::Cancelled)
+            Error::Cancelled
+                | Error::Geometry(GeometryError::Cancelled)
+                | Error::Render(RenderError::Cancelled) | Error::Particles(ParticlesError::Cancelled)
         )
     }
 }
 
 fn grid_exit_code(e: &GridError) -> u8 {
     if matches!(e, GridError::OverMemory { .. }) { 6 } else { 3 }
+}
+
+fn geometry_exit_code(e: &GeometryError) -> u8 {
+    match e {
+        GeometryError::MeshFile { source: MeshFileError::NotFound { .. }, .. } => 4,
+        GeometryError::MeshFile { source: MeshFileError::Memory { .. }, .. }
+        | GeometryError::Distance { source: MeshSdfError::Memory { .. }, .. } => 6,
+        GeometryError::MeshFile { .. } | GeometryError::Distance { .. } => 3,
+        GeometryError::Embree(_) | GeometryError::Cancelled => 1,
+    }
 }

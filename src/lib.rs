@@ -24,6 +24,3 @@ pub mod render;
 
 pub mod output;
 
-pub mod error;
-
-pub mod pipeline;
