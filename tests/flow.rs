@@ -97,7 +97,7 @@ fn the_velocity_has_no_divergence() {
         let (mut worst, mut square, mut count) = (0.0f64, 0.0, 0);
         while count < 3000 {
             let p = random_point(&mut rng);
-            if field.distance_f64(p) < 0.0 {
+            if field.distance(p) < 0.0 {
                 continue;
             }
             let (_, j) = with_jacobian(&span, p, 0.3);
@@ -119,7 +119,7 @@ fn the_jacobians_that_the_divergence_is_read_from_are_those_of_the_velocity() {
     for _ in 0..200 {
         let p = random_point(&mut rng);
         let (_, exact) = with_jacobian(&span, p, 0.3);
-        let difference = curlsmoke::flow::curl::central_jacobian(|q| span.velocity_f64(q, 0.3), p, 1e-5);
+        let difference = curlsmoke::flow::curl::central_jacobian(|q| span.velocity(q, 0.3), p, 1e-5);
         let size = exact.iter().flatten().fold(1.0f64, |m, x| m.max(x.abs()));
         for (a, b) in exact.iter().flatten().zip(difference.iter().flatten()) {
             // The velocity's second derivatives jump at cell faces, which costs an order there.
@@ -154,7 +154,7 @@ fn nothing_passes_the_walls() {
         let (mut worst, mut square, mut fastest) = (0.0f64, 0.0, 0.0f64);
         let points = on_walls(&field, &mut CounterRng::new(Seed(3)), 1000);
         for (p, n) in &points {
-            let v = span.velocity_f64(*p, 0.6);
+            let v = span.velocity(*p, 0.6);
             worst = worst.max(dot(v, *n).abs());
             square += dot(v, v);
             fastest = fastest.max(length(v));
@@ -198,8 +198,7 @@ fn the_velocity_does_not_jump_across_the_ridge_between_obstacles() {
         }
         let across = (DVec3::from_array(b.gradient) - DVec3::from_array(a.gradient)).normalize();
         let step = across * 1e-7;
-        let (left, right) =
-            (span.velocity_f64((p - step).to_array(), 0.0), span.velocity_f64((p + step).to_array(), 0.0));
+        let (left, right) = (span.velocity((p - step).to_array(), 0.0), span.velocity((p + step).to_array(), 0.0));
         jump = jump.max((DVec3::from_array(left) - DVec3::from_array(right)).length());
         square += dot(left, left);
         count += 1;
@@ -270,7 +269,7 @@ impl Kernel for WorstDifference<'_, '_> {
             };
             let v = self.span.velocity([axis(0), axis(1), axis(2)], Lanes::splat(simd, 0.4));
             for (i, p) in chunk.iter().enumerate() {
-                let truth = self.span.velocity_f64(p.map(f64::from), 0.4);
+                let truth = self.span.velocity(p.map(f64::from), 0.4);
                 let error: [f64; 3] = std::array::from_fn(|a| v[a].lane(i) - truth[a]);
                 worst = worst.max(length(error) / length(truth).max(1.0));
             }
@@ -287,7 +286,7 @@ fn lanes_agree_with_the_scalar_truth() {
         let mut rng = CounterRng::new(Seed(7));
         let points: Vec<[f32; 3]> = (0..4000)
             .map(|_| random_point(&mut rng).map(|x| x as f32))
-            .filter(|p| field.distance_f64(p.map(f64::from)) > 1e-3)
+            .filter(|p| field.distance(p.map(f64::from)) > 1e-3)
             .collect();
         let worst = run_kernel(WorstDifference { span: &span, points: &points });
         println!("{name}: lanes differ by at most {worst:.1e}");

@@ -6,7 +6,7 @@ use crate::flow::octaves::{Octave, OctaveSpan};
 use crate::flow::potential::{Psi, uniform};
 use crate::flow::ramp::removed;
 use crate::flow::walls::{NOTICE, NearWalls};
-use crate::math::real::{Lane, Real};
+use crate::math::real::{Lane, Real, cross, dot, triple};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
@@ -83,7 +83,7 @@ impl Parabola {
 
     #[inline(always)]
     fn at<L: Real>(&self, phase: L) -> L {
-        let [a, b, c] = self.coefficients.map(|x| phase.lit(x));
+        let [a, b, c] = triple!(i => phase.lit(self.coefficients[i]));
         phase.mul_add(phase.mul_add(c, b), a)
     }
 }
@@ -105,7 +105,7 @@ impl VelocityField {
     }
 
     /// Signed distance to the closest obstacle [m], negative inside, infinite without obstacles.
-    #[inline(always)]
+    #[inline(never)]
     pub fn distance<L: Lane>(&self, p: [L; 3]) -> L {
         let mut least = p[0].lit(f64::INFINITY);
         for solid in self.obstacles.iter().flat_map(Obstacle::solids) {
@@ -114,17 +114,36 @@ impl VelocityField {
         least
     }
 
-    /// [`VelocityField::distance`] in double precision, compiled once.
+    /// True when any lane may be inside an obstacle; false when certainly none is, by a margin for rounding.
     #[inline(never)]
-    pub fn distance_f64(&self, p: [f64; 3]) -> f64 {
-        self.distance(p)
+    pub fn may_be_inside<L: Lane>(&self, p: [L; 3]) -> bool {
+        p[0].outlined(
+            #[inline(always)]
+            || self.may_be_inside_here(p),
+        )
+    }
+
+    #[inline(always)]
+    fn may_be_inside_here<L: Lane>(&self, p: [L; 3]) -> bool {
+        for obstacle in &self.obstacles {
+            let margin = 1e-3 * obstacle.size();
+            if !obstacle.may_be_within(p, margin) {
+                continue;
+            }
+            for solid in obstacle.solids() {
+                if solid.distance(p).any_lt(p[0].lit(margin)) {
+                    return true;
+                }
+            }
+        }
+        false
     }
 
     /// `p` if it is outside all obstacles, else a point just outside, found along the gradients of the distances;
     /// and whether it moved. A point that no number of corrections brings out stays where the last one left it.
     #[inline(never)]
     pub fn pushed_out(&self, p: [f32; 3]) -> ([f32; 3], bool) {
-        let is_outside = |p: [f32; 3]| self.distance_f64(p.map(f64::from)) >= 0.0;
+        let is_outside = |p: [f32; 3]| self.distance(p.map(f64::from)) >= 0.0;
         if is_outside(p) {
             return (p, false);
         }
@@ -157,7 +176,7 @@ impl VelocityField {
 
     /// Velocity [m/s] at a point and a time [s], in double precision: the truth that lanes are held against.
     pub fn velocity(&self, p: [f64; 3], time: f64) -> [f64; 3] {
-        self.span(time, 0.0).velocity_f64(p, 0.0)
+        self.span(time, 0.0).velocity(p, 0.0)
     }
 }
 
@@ -197,7 +216,7 @@ fn octave_wall(span: &OctaveSpan, obstacle: &Obstacle, influence: f64) -> Octave
     let ratio = obstacle.size() / span.octave().length();
     let share = if obstacle.is_endless() { 0.0 } else { 1.0 / (1.0 + ratio * ratio) };
     let reference = obstacle.reference().to_array();
-    let values = [0.0, 0.5, 1.0].map(|phase| span.psi_f64(reference, phase).value);
+    let values = [0.0, 0.5, 1.0].map(|phase| span.psi(reference, phase).value);
     let constant = std::array::from_fn(|c| Parabola::through(values.map(|v| share * v[c])));
     let hole =
         obstacle.hole().map(|h| (h, Parabola::through([0.0, 0.5, 1.0].map(|phase| circulation(span, &h, phase)))));
@@ -214,7 +233,7 @@ fn circulation(span: &OctaveSpan, hole: &Hole, phase: f64) -> f64 {
         .map(|i| {
             let (sin, cos) = (TAU * f64::from(i) / f64::from(POINTS)).sin_cos();
             let p = hole.center + hole.radius * (u * cos + v * sin);
-            let psi = DVec3::from_array(span.psi_f64(p.to_array(), phase).value);
+            let psi = DVec3::from_array(span.psi(p.to_array(), phase).value);
             psi.dot(v * cos - u * sin) * hole.radius / f64::from(POINTS)
         })
         .sum()
@@ -224,23 +243,23 @@ fn circulation(span: &OctaveSpan, hole: &Hole, phase: f64) -> f64 {
 /// the wall of a ring and lets a flux through the hole.
 #[inline(always)]
 fn angle_gradient<L: Real>(hole: &Hole, p: [L; 3]) -> Psi<L> {
-    let lit = |x: f64| p[0].lit(x);
-    let a = hole.axis.to_array().map(lit);
-    let r: [L; 3] = std::array::from_fn(|i| p[i] - lit(hole.center[i]));
-    let along = crate::math::real::dot(a, r);
-    let radial: [L; 3] = std::array::from_fn(|i| r[i] - along * a[i]);
+    let one = p[0].lit(1.0);
+    let a = triple!(i => one.lit(hole.axis[i]));
+    let r: [L; 3] = triple!(i => p[i] - one.lit(hole.center[i]));
+    let along = dot(a, r);
+    let radial: [L; 3] = triple!(i => r[i] - along * a[i]);
     // On the axis the ramp is 1, and only finiteness matters.
-    let square = crate::math::real::dot(radial, radial).max(lit(1e-6 * hole.radius * hole.radius));
-    let inverse = lit(1.0) / square;
-    let turned = crate::math::real::cross(a, radial);
-    let zero = lit(0.0);
+    let square = dot(radial, radial).max(one.lit(1e-6 * hole.radius * hole.radius));
+    let inverse = one / square;
+    let turned = cross(a, radial);
+    let zero = one.lit(0.0);
     // Derivative of a × r: rows of the cross-product matrix of a.
     let d_turned = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
-    let two = lit(2.0);
+    let two = one.lit(2.0);
     Psi {
-        value: turned.map(|x| x * inverse),
-        jacobian: std::array::from_fn(|c| {
-            std::array::from_fn(|i| (d_turned[c][i] - two * turned[c] * radial[i] * inverse) * inverse)
+        value: triple!(c => turned[c] * inverse),
+        jacobian: triple!(c => {
+            triple!(i => (d_turned[c][i] - two * turned[c] * radial[i] * inverse) * inverse)
         }),
     }
 }
@@ -254,28 +273,30 @@ fn without_circulation<L: Real>(excess: Psi<L>, hole: &Option<(Hole, Parabola)>,
 }
 
 impl FieldSpan<'_> {
-    /// [`FieldSpan::velocity`] in double precision, compiled once.
+    /// Velocity [m/s] at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
     #[inline(never)]
-    pub fn velocity_f64(&self, p: [f64; 3], phase: f64) -> [f64; 3] {
-        self.velocity(p, phase)
+    pub fn velocity<L: Lane>(&self, p: [L; 3], phase: L) -> [L; 3] {
+        phase.outlined(
+            #[inline(always)]
+            || self.velocity_here(p, phase),
+        )
     }
 
-    /// Velocity [m/s] at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
     #[inline(always)]
-    pub fn velocity<L: Lane>(&self, p: [L; 3], phase: L) -> [L; 3] {
+    fn velocity_here<L: Lane>(&self, p: [L; 3], phase: L) -> [L; 3] {
         let near = NearWalls::find(&self.field.obstacles, p, self.field.notice);
         let zero = phase.lit(0.0);
         let mut velocity = [zero; 3];
         for source in &self.sources {
             let v = match source {
                 SourceSpan::Uniform { velocity, walls } => {
-                    let mut v = velocity.map(|x| phase.lit(x));
+                    let mut v = triple!(i => phase.lit(velocity[i]));
                     for near_wall in near.iter() {
                         let own = &walls[near_wall.obstacle_idx];
                         let Some(wall) = near_wall.wall(own.influence) else { continue };
                         let excess = uniform(own.velocity.to_array(), own.reference.to_array(), p);
                         let lost = curl(&removed(&without_circulation(excess, &own.hole, p, phase), &wall));
-                        v = std::array::from_fn(|i| v[i] - lost[i]);
+                        v = triple!(i => v[i] - lost[i]);
                     }
                     v
                 }
@@ -290,12 +311,12 @@ impl FieldSpan<'_> {
                             excess.value[c] = psi.value[c] - own.constant[c].at(phase);
                         }
                         let lost = curl(&removed(&without_circulation(excess, &own.hole, p, phase), &wall));
-                        v = std::array::from_fn(|i| v[i] - lost[i]);
+                        v = triple!(i => v[i] - lost[i]);
                     }
                     v
                 }
             };
-            velocity = std::array::from_fn(|i| velocity[i] + v[i]);
+            velocity = triple!(i => velocity[i] + v[i]);
         }
         velocity
     }

@@ -7,7 +7,7 @@
 //!
 //! Period and phase: the pattern after half a turn is the negative one, after a whole turn the same one again.
 
-use crate::math::real::{Lane, Real, Word};
+use crate::math::real::{Lane, Real, Word, triple};
 use std::f64::consts::TAU;
 
 /// How far the gradients have turned: cosine and sine of the angle.
@@ -55,19 +55,18 @@ fn round_to_half<L: Real>(x: L) -> L {
 #[inline(always)]
 fn sin_cos_quarter<L: Real>(t: L) -> (L, L) {
     let s = t * t;
-    let lit = |x: f64| t.lit(x);
     let sin = s
-        .mul_add(lit(1.604_411_847_9e-4), lit(-4.681_754_135_3e-3))
-        .mul_add(s, lit(7.969_262_624_6e-2))
-        .mul_add(s, lit(-6.459_640_975_1e-1))
-        .mul_add(s, lit(std::f64::consts::FRAC_PI_2))
+        .mul_add(t.lit(1.604_411_847_9e-4), t.lit(-4.681_754_135_3e-3))
+        .mul_add(s, t.lit(7.969_262_624_6e-2))
+        .mul_add(s, t.lit(-6.459_640_975_1e-1))
+        .mul_add(s, t.lit(std::f64::consts::FRAC_PI_2))
         * t;
     let cos = s
-        .mul_add(lit(-2.520_204_237_3e-5), lit(9.192_602_748_4e-4))
-        .mul_add(s, lit(-2.086_348_076_3e-2))
-        .mul_add(s, lit(2.536_695_079_0e-1))
-        .mul_add(s, lit(-1.233_700_550_1))
-        .mul_add(s, lit(1.0));
+        .mul_add(t.lit(-2.520_204_237_3e-5), t.lit(9.192_602_748_4e-4))
+        .mul_add(s, t.lit(-2.086_348_076_3e-2))
+        .mul_add(s, t.lit(2.536_695_079_0e-1))
+        .mul_add(s, t.lit(-1.233_700_550_1))
+        .mul_add(s, t.lit(1.0));
     (sin, cos)
 }
 
@@ -110,13 +109,13 @@ impl<L: Lane> LatticeFrame<L> {
     /// The gradients of the three components after the turn.
     #[inline(always)]
     pub fn gradients(&self, spin: Spin<L>) -> [[L; 3]; 3] {
-        std::array::from_fn(|c| {
+        triple!(c => {
             // Bits 26 to 28, each moved to the top.
             let sign = self.word.shl(5 - c as u32);
             let cos = spin.cos.negate_by_top_bit(sign);
             let sin = spin.sin.negate_by_top_bit(sign);
             let (a, b) = (self.rows[c], self.rows[(c + 1) % 3]);
-            std::array::from_fn(|i| cos.mul_add(a[i], sin * b[i]))
+            triple!(i => cos.mul_add(a[i], sin * b[i]))
         })
     }
 }

@@ -9,3 +9,5 @@ pub mod octaves;
 pub mod potential;
 pub mod ramp;
 pub mod walls;
+
+pub use crate::flow::field::VelocityField;

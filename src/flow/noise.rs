@@ -8,7 +8,7 @@
 use crate::flow::flow_noise::{LatticeFrame, Spin};
 use crate::flow::potential::Psi;
 use crate::math::interpolate::quintic_step;
-use crate::math::real::{Lane, Word};
+use crate::math::real::{Lane, Word, triple};
 
 /// Root mean square speed |∇×ψ| of unit noise, averaged over a cell: √(16·(D·A² + 2·A·B·C)) with A = ∫f²,
 /// B = ∫f'², C = ∫f²x², D = ∫f'²x² over [0, 1] and f the falling quintic step.
@@ -38,16 +38,16 @@ fn hash<W: Word>(sum: W, seed: u32) -> W {
 #[inline(always)]
 pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, spin: Spin<L>) -> Psi<L> {
     let one = p[0].lit(1.0);
-    let base = p.map(|x| x.floor());
-    let offset: [[L; 2]; 3] = std::array::from_fn(|a| [p[a] - base[a], p[a] - base[a] - one]);
-    let stride: [[L::Word; 2]; 3] = std::array::from_fn(|a| {
+    let base = triple!(a => p[a].floor());
+    let offset: [[L; 2]; 3] = triple!(a => [p[a] - base[a], p[a] - base[a] - one]);
+    let stride: [[L::Word; 2]; 3] = triple!(a => {
         let low = base[a].to_word();
         let low = low.add(low.lit(cell[a])).mul(low.lit(STRIDE[a]));
         [low, low.add(low.lit(STRIDE[a]))]
     });
-    let step: [(L, L); 3] = std::array::from_fn(|a| quintic_step(offset[a][0]));
-    let weight: [[L; 2]; 3] = step.map(|(s, _)| [one - s, s]);
-    let slope: [[L; 2]; 3] = step.map(|(_, ds)| [-ds, ds]);
+    let step: [(L, L); 3] = triple!(a => quintic_step(offset[a][0]));
+    let weight: [[L; 2]; 3] = triple!(a => [one - step[a].0, step[a].0]);
+    let slope: [[L; 2]; 3] = triple!(a => [-step[a].1, step[a].1]);
 
     let mut psi = Psi::zero(one);
     for k in 0..2 {
@@ -62,7 +62,8 @@ pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, spin:
                 let w = weight[0][i] * weight_yz;
                 let dw = [slope[0][i] * weight_yz, weight[0][i] * slope_y, weight[0][i] * slope_z];
                 let r = [offset[0][i], offset[1][j], offset[2][k]];
-                for (c, g) in gradients.iter().enumerate() {
+                for c in 0..3 {
+                    let g = gradients[c];
                     let linear = g[0].mul_add(r[0], g[1].mul_add(r[1], g[2] * r[2]));
                     psi.value[c] = w.mul_add(linear, psi.value[c]);
                     for a in 0..3 {

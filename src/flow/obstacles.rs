@@ -13,7 +13,7 @@ use crate::flow::ramp::smooth_min;
 use crate::geometry::primitive::Primitive;
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::math::jet::Jet;
-use crate::math::real::Lane;
+use crate::math::real::{Lane, triple};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -127,8 +127,8 @@ impl Obstacle {
     #[inline(always)]
     pub fn may_be_within<L: Lane>(&self, p: [L; 3], margin: f64) -> bool {
         let Some((middle, half)) = self.bounds else { return true };
-        let axis = |i: usize| (p[i] - p[i].lit(middle[i])).abs() - p[i].lit(half[i]);
-        axis(0).max(axis(1)).max(axis(2)).any_lt(p[0].lit(margin))
+        let outside: [L; 3] = triple!(i => (p[i] - p[i].lit(middle[i])).abs() - p[i].lit(half[i]));
+        outside[0].max(outside[1]).max(outside[2]).any_lt(p[0].lit(margin))
     }
 
     /// The distance with its derivatives.
@@ -141,7 +141,7 @@ impl Obstacle {
                 None => WallDistance { value: jet.value, gradient: jet.gradient, hessian: jet.hessian },
                 Some(a) => {
                     let (value, da, db) = smooth_min(a.value, jet.value);
-                    let gradient = std::array::from_fn(|i| da.mul_add(a.gradient[i], db * jet.gradient[i]));
+                    let gradient = triple!(i => da.mul_add(a.gradient[i], db * jet.gradient[i]));
                     WallDistance { value, gradient, hessian: a.hessian }
                 }
             });

@@ -4,7 +4,7 @@ use crate::flow::flow_noise::Spin;
 use crate::flow::noise::{NoiseSeed, RMS_SPEED, gradient_noise};
 use crate::flow::potential::Psi;
 use crate::math::hash::{CounterRng, Seed};
-use crate::math::real::Lane;
+use crate::math::real::{Lane, triple};
 use rand_core::Rng;
 
 /// What a noise term is made of.
@@ -126,37 +126,39 @@ impl Octave {
 }
 
 impl OctaveSpan {
-    /// [`OctaveSpan::psi`] in double precision, compiled once.
-    #[inline(never)]
-    pub fn psi_f64(&self, p: [f64; 3], phase: f64) -> Psi<f64> {
-        self.psi(p, phase)
-    }
-
     /// The octave that this is a span of.
     pub fn octave(&self) -> &Octave {
         &self.octave
     }
 
     /// The potential at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
-    #[inline(always)]
+    #[inline(never)]
     pub fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
+        phase.outlined(
+            #[inline(always)]
+            || self.psi_here(p, phase),
+        )
+    }
+
+    #[inline(always)]
+    fn psi_here<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         let octave = &self.octave;
-        let lit = |x: f64| phase.lit(x);
         let inverse = 1.0 / octave.length;
-        let to_lattice: [[L; 3]; 3] = octave.axes.map(|row| row.map(|x| lit(x * inverse)));
-        let q: [L; 3] = std::array::from_fn(|j| {
-            let moved = lit(self.motion[j]).mul_add(phase, lit(self.fraction[j]));
+        let to_lattice: [[L; 3]; 3] = triple!(j => triple!(i => phase.lit(octave.axes[j][i] * inverse)));
+        let q: [L; 3] = triple!(j => {
+            let moved = phase.lit(self.motion[j]).mul_add(phase, phase.lit(self.fraction[j]));
             let row = to_lattice[j];
             row[0].mul_add(p[0], row[1].mul_add(p[1], row[2].mul_add(p[2], moved)))
         });
-        let spin = Spin::advanced(self.spin, lit(self.turns) * phase);
+        let spin = Spin::advanced(self.spin, phase.lit(self.turns) * phase);
         let unit = gradient_noise(q, self.cell, octave.seed, spin);
-        let amplitude = lit(octave.amplitude);
-        let scaled: [[L; 3]; 3] = to_lattice.map(|row| row.map(|x| x * amplitude));
+        let amplitude = phase.lit(octave.amplitude);
+        let scaled: [[L; 3]; 3] = triple!(j => triple!(i => to_lattice[j][i] * amplitude));
         Psi {
-            value: unit.value.map(|x| x * amplitude),
-            jacobian: unit.jacobian.map(|row| {
-                std::array::from_fn(|i| {
+            value: triple!(c => unit.value[c] * amplitude),
+            jacobian: triple!(c => {
+                let row = unit.jacobian[c];
+                triple!(i => {
                     row[0].mul_add(scaled[0][i], row[1].mul_add(scaled[1][i], row[2] * scaled[2][i]))
                 })
             }),
@@ -193,7 +195,7 @@ mod tests {
             let mean_sq = (0..n)
                 .map(|_| {
                     let p = std::array::from_fn(|_| f64::from(rng.uniform()) * 2000.0 - 1000.0);
-                    curl(&span.psi_f64(p, 0.5)).iter().map(|x| x * x).sum::<f64>()
+                    curl(&span.psi(p, 0.5)).iter().map(|x| x * x).sum::<f64>()
                 })
                 .sum::<f64>()
                 / f64::from(n);
@@ -207,8 +209,8 @@ mod tests {
         let octave = &octaves(&settings())[1];
         let span = octave.span(0.2, 0.1);
         let p = [0.3f64, 0.1, -2.0];
-        let exact = span.psi_f64(p, 0.3).jacobian;
-        let difference = central_jacobian(|q| span.psi_f64(q, 0.3).value, p, 1e-5);
+        let exact = span.psi(p, 0.3).jacobian;
+        let difference = central_jacobian(|q| span.psi(q, 0.3).value, p, 1e-5);
         for c in 0..3 {
             for i in 0..3 {
                 assert!((exact[c][i] - difference[c][i]).abs() < 1e-8);
@@ -220,9 +222,9 @@ mod tests {
     fn spans_meet_in_time_and_scroll_carries_the_pattern() {
         let octave = &octaves(&OctavesSettings { spin_rate: 0.0, ..settings() })[0];
         let p = [0.3f64, 0.1, -2.0];
-        let (a, b) = (octave.span(1.0, 0.5).psi_f64(p, 1.0), octave.span(1.5, 0.5).psi_f64(p, 0.0));
+        let (a, b) = (octave.span(1.0, 0.5).psi(p, 1.0), octave.span(1.5, 0.5).psi(p, 0.0));
         let moved = std::array::from_fn(|i| p[i] + 2.0 * [0.3, -0.2, 0.5][i]);
-        let c = octave.span(3.5, 0.1).psi_f64(moved, 0.0);
+        let c = octave.span(3.5, 0.1).psi(moved, 0.0);
         for i in 0..3 {
             assert!((a.value[i] - b.value[i]).abs() < 1e-5);
             assert!((b.value[i] - c.value[i]).abs() < 1e-9);

@@ -1,7 +1,7 @@
 //! Potentials with their Jacobians, and how they combine. A velocity is always the curl of what comes out, so whatever
 //! is combined here stays free of divergence.
 
-use crate::math::real::{Real, cross};
+use crate::math::real::{Real, cross, triple};
 
 /// A vector potential at a point: its value [m²/s] and `jacobian[c][i]`, the derivative of component c along axis i
 /// [m/s].
@@ -33,37 +33,38 @@ impl<L: Real> Psi<L> {
     /// Both potentials at once: their velocities add up.
     #[inline(always)]
     pub fn plus(&self, other: &Self) -> Self {
-        self.zip(other, |a, b| a + b)
+        Self {
+            value: triple!(c => self.value[c] + other.value[c]),
+            jacobian: triple!(c => triple!(i => self.jacobian[c][i] + other.jacobian[c][i])),
+        }
     }
 
     /// This potential without the other.
     #[inline(always)]
     pub fn minus(&self, other: &Self) -> Self {
-        self.zip(other, |a, b| a - b)
+        Self {
+            value: triple!(c => self.value[c] - other.value[c]),
+            jacobian: triple!(c => triple!(i => self.jacobian[c][i] - other.jacobian[c][i])),
+        }
     }
 
     /// Times a constant.
     #[inline(always)]
     pub fn scaled(&self, factor: L) -> Self {
-        Self { value: self.value.map(|x| factor * x), jacobian: self.jacobian.map(|row| row.map(|x| factor * x)) }
+        Self {
+            value: triple!(c => factor * self.value[c]),
+            jacobian: triple!(c => triple!(i => factor * self.jacobian[c][i])),
+        }
     }
 
     /// Times a scalar field, by the product rule: the velocity fades without a source (curl-noise-2007, 2.3).
     #[inline(always)]
     pub fn modulated(&self, field: &Scalar<L>) -> Self {
         Self {
-            value: self.value.map(|x| field.value * x),
-            jacobian: std::array::from_fn(|c| {
-                std::array::from_fn(|i| field.value.mul_add(self.jacobian[c][i], field.gradient[i] * self.value[c]))
+            value: triple!(c => field.value * self.value[c]),
+            jacobian: triple!(c => {
+                triple!(i => field.value.mul_add(self.jacobian[c][i], field.gradient[i] * self.value[c]))
             }),
-        }
-    }
-
-    #[inline(always)]
-    fn zip(&self, other: &Self, f: impl Fn(L, L) -> L) -> Self {
-        Self {
-            value: std::array::from_fn(|c| f(self.value[c], other.value[c])),
-            jacobian: std::array::from_fn(|c| std::array::from_fn(|i| f(self.jacobian[c][i], other.jacobian[c][i]))),
         }
     }
 }
@@ -73,10 +74,10 @@ impl<L: Real> Psi<L> {
 /// Curl-noise-2007 prints it without the ½ in equation 6, which would double the velocity: curl(V × x) = 2V.
 #[inline(always)]
 pub fn uniform<L: Real>(velocity: [f64; 3], origin: [f64; 3], p: [L; 3]) -> Psi<L> {
-    let half = velocity.map(|v| p[0].lit(0.5 * v));
+    let half = triple!(i => p[0].lit(0.5 * velocity[i]));
     let zero = p[0].lit(0.0);
     Psi {
-        value: cross(half, std::array::from_fn(|i| p[i] - p[i].lit(origin[i]))),
+        value: cross(half, triple!(i => p[i] - p[i].lit(origin[i]))),
         jacobian: [[zero, -half[2], half[1]], [half[2], zero, -half[0]], [-half[1], half[0], zero]],
     }
 }

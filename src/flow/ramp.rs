@@ -1,7 +1,7 @@
 //! The boundary ramp and its application to a potential (curl-noise-2007, eq. 4 and 5).
 
 use crate::flow::potential::{Psi, Scalar};
-use crate::math::real::{Real, dot};
+use crate::math::real::{Real, dot, triple};
 
 /// Equation 4, `15/8 r − 10/8 r³ + 3/8 r⁵`, and its derivative, for `r` cut to [−1, 1]: odd, 0 at the wall, ±1 with
 /// first and second derivatives 0 at the ends.
@@ -46,13 +46,12 @@ pub struct Wall<L> {
 /// Its curl is perpendicular to it whatever the length of the gradient, so that equation 5 is as tangential for
 /// a sampled distance, which is no exact distance, as for an exact one.
 #[inline(always)]
-pub fn unit_normal<L: Real>(gradient: [L; 3], second: impl Fn(usize, usize) -> L) -> ([L; 3], [[L; 3]; 3]) {
+pub fn unit_normal<L: Real>(gradient: [L; 3], second: [[L; 3]; 3]) -> ([L; 3], [[L; 3]; 3]) {
     let one = gradient[0].lit(1.0);
     let inverse = one / dot(gradient, gradient).max(one.lit(1e-20)).sqrt();
-    let n = gradient.map(|x| x * inverse);
-    let along: [L; 3] =
-        std::array::from_fn(|j| n[0].mul_add(second(0, j), n[1].mul_add(second(1, j), n[2] * second(2, j))));
-    let derivatives = std::array::from_fn(|c| std::array::from_fn(|j| (second(c, j) - n[c] * along[j]) * inverse));
+    let n = triple!(i => gradient[i] * inverse);
+    let along: [L; 3] = triple!(j => n[0].mul_add(second[0][j], n[1].mul_add(second[1][j], n[2] * second[2][j])));
+    let derivatives = triple!(c => triple!(j => (second[c][j] - n[c] * along[j]) * inverse));
     (n, derivatives)
 }
 
@@ -64,12 +63,12 @@ pub fn unit_normal<L: Real>(gradient: [L; 3], second: impl Fn(usize, usize) -> L
 #[inline(always)]
 pub fn removed<L: Real>(excess: &Psi<L>, wall: &Wall<L>) -> Psi<L> {
     let one = wall.alpha.value.lit(1.0);
-    let weight = Scalar { value: one - wall.alpha.value, gradient: wall.alpha.gradient.map(|x| -x) };
+    let weight = Scalar { value: one - wall.alpha.value, gradient: triple!(i => -wall.alpha.gradient[i]) };
     match wall.normal {
         None => excess.modulated(&weight),
         Some((n, dn)) => {
             let s = dot(n, excess.value);
-            let ds: [L; 3] = std::array::from_fn(|j| {
+            let ds: [L; 3] = triple!(j => {
                 let mut sum = dn[0][j] * excess.value[0];
                 for c in 0..3 {
                     sum = n[c].mul_add(excess.jacobian[c][j], sum);
@@ -80,9 +79,9 @@ pub fn removed<L: Real>(excess: &Psi<L>, wall: &Wall<L>) -> Psi<L> {
                 sum
             });
             let tangential = Psi {
-                value: std::array::from_fn(|c| excess.value[c] - s * n[c]),
-                jacobian: std::array::from_fn(|c| {
-                    std::array::from_fn(|j| excess.jacobian[c][j] - ds[j] * n[c] - s * dn[c][j])
+                value: triple!(c => excess.value[c] - s * n[c]),
+                jacobian: triple!(c => {
+                    triple!(j => excess.jacobian[c][j] - ds[j] * n[c] - s * dn[c][j])
                 }),
             };
             tangential.modulated(&weight)
@@ -134,7 +133,7 @@ mod tests {
             let (a, b) = (f64::from(i) * 0.7, f64::from(i) * 0.31 - 1.5);
             let p = [b.cos() * a.cos(), b.cos() * a.sin() / 2.0, b.sin() / 3.0];
             let jet = f(p);
-            let normal = unit_normal(jet.gradient, |i, j| jet.second(i, j));
+            let normal = unit_normal(jet.gradient, triple!(i => triple!(j => jet.second(i, j))));
             let (alpha, slope) = ramp(jet.value / 0.4);
             let alpha = Scalar { value: alpha, gradient: jet.gradient.map(|x| x * slope / 0.4) };
             let psi = uniform([1.0, -2.0, 0.7], [3.0, 1.0, 2.0], p);

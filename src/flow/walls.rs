@@ -10,7 +10,7 @@
 use crate::flow::obstacles::{Obstacle, WallDistance};
 use crate::flow::potential::Scalar;
 use crate::flow::ramp::{Wall, ramp, smooth_min, unit_normal};
-use crate::math::real::Lane;
+use crate::math::real::{Lane, triple};
 
 /// Obstacles do not notice each other beyond this many of the largest influence radius: far enough that up to that
 /// radius the clearance, which fades out, still ends before the ridge.
@@ -38,8 +38,16 @@ pub struct NearWalls<L> {
 
 impl<L: Lane> NearWalls<L> {
     /// Finds the walls whose distance at `p` is below `notice` [m] in any lane.
-    #[inline(always)]
+    #[inline(never)]
     pub fn find(obstacles: &[Obstacle], p: [L; 3], notice: f64) -> Self {
+        p[0].outlined(
+            #[inline(always)]
+            || Self::find_here(obstacles, p, notice),
+        )
+    }
+
+    #[inline(always)]
+    fn find_here(obstacles: &[Obstacle], p: [L; 3], notice: f64) -> Self {
         let mut walls = Self { inline: [None; INLINE], spilled: Vec::new() };
         let mut count = 0;
         for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
@@ -50,10 +58,12 @@ impl<L: Lane> NearWalls<L> {
             if !distance.value.any_lt(p[0].lit(notice)) {
                 continue;
             }
-            let normal = obstacle.has_smooth_normal().then(|| {
-                let h = distance.hessian;
-                unit_normal(distance.gradient, |i, j| if i == j { h[i] } else { h[2 + i + j] })
-            });
+            let normal = if obstacle.has_smooth_normal() {
+                let [xx, yy, zz, xy, xz, yz] = distance.hessian;
+                Some(unit_normal(distance.gradient, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+            } else {
+                None
+            };
             let wall = NearWall { obstacle_idx, distance, normal, room: None };
             if count < INLINE {
                 walls.inline[count] = Some(wall);
@@ -96,30 +106,32 @@ impl<L: Lane> NearWalls<L> {
     #[inline(always)]
     fn room(&self, i: usize, count: usize, notice: f64) -> Scalar<L> {
         let own = &self.at(i).distance;
-        let lit = |x: f64| own.value.lit(x);
-        let (one, zero) = (lit(1.0), lit(0.0));
-        let inverse_notice = lit(1.0 / notice);
-        let mut sum = Scalar { value: lit((1e-3 / notice).powi(2)), gradient: [zero; 3] };
-        for j in (0..count).filter(|&j| j != i) {
+        let (one, zero) = (own.value.lit(1.0), own.value.lit(0.0));
+        let inverse_notice = one.lit(1.0 / notice);
+        let mut sum = Scalar { value: one.lit((1e-3 / notice).powi(2)), gradient: [zero; 3] };
+        for j in 0..count {
+            if j == i {
+                continue;
+            }
             let other = &self.at(j).distance;
-            let d = other.value.max(lit(1e-6 * notice));
+            let d = other.value.max(one.lit(1e-6 * notice));
             let x = d * inverse_notice;
             let fade = (one - x * x).max(zero);
             let inverse = one / d;
             let q = fade * fade * inverse;
             // dq/dd = −4 d fade/notice²/d − q/d.
-            let slope = -(lit(4.0) * fade * inverse_notice * inverse_notice + q * inverse);
-            let factor = lit(2.0) * q * slope;
+            let slope = -(one.lit(4.0) * fade * inverse_notice * inverse_notice + q * inverse);
+            let factor = one.lit(2.0) * q * slope;
             sum.value = q.mul_add(q, sum.value);
             for axis in 0..3 {
                 sum.gradient[axis] = factor.mul_add(other.gradient[axis], sum.gradient[axis]);
             }
         }
         let clearance = one / sum.value.sqrt();
-        let factor = lit(-0.5) * clearance / sum.value;
+        let factor = one.lit(-0.5) * clearance / sum.value;
         Scalar {
             value: clearance - own.value,
-            gradient: std::array::from_fn(|axis| factor.mul_add(sum.gradient[axis], -own.gradient[axis])),
+            gradient: triple!(axis => factor.mul_add(sum.gradient[axis], -own.gradient[axis])),
         }
     }
 }
@@ -133,23 +145,26 @@ impl<L: Lane> NearWall<L> {
         let d0 = one.lit(influence);
         let Some(room) = &self.room else {
             let r = d.value / d0;
-            return r.any_lt(one).then(|| {
-                let (value, slope) = ramp(r);
-                let factor = slope / d0;
-                Wall { alpha: Scalar { value, gradient: d.gradient.map(|x| x * factor) }, normal: self.normal }
-            });
+            if !r.any_lt(one) {
+                return None;
+            }
+            let (value, slope) = ramp(r);
+            let factor = slope / d0;
+            let gradient = triple!(i => d.gradient[i] * factor);
+            return Some(Wall { alpha: Scalar { value, gradient }, normal: self.normal });
         };
         let (radius, _, by_room) = smooth_min(d0, room.value);
         // Where there is no room left the point is past the ridge, or inside another obstacle.
         let least = one.lit(influence * 1e-6);
         let inverse = one / radius.max(least);
         let r = radius.select_lt(least, one, (d.value * inverse).min(one));
-        r.any_lt(one).then(|| {
-            let (value, slope) = ramp(r);
-            let factor = slope * inverse;
-            let turn = r * by_room;
-            let gradient = std::array::from_fn(|i| factor * (d.gradient[i] - turn * room.gradient[i]));
-            Wall { alpha: Scalar { value, gradient }, normal: self.normal }
-        })
+        if !r.any_lt(one) {
+            return None;
+        }
+        let (value, slope) = ramp(r);
+        let factor = slope * inverse;
+        let turn = r * by_room;
+        let gradient = triple!(i => factor * (d.gradient[i] - turn * room.gradient[i]));
+        Some(Wall { alpha: Scalar { value, gradient }, normal: self.normal })
     }
 }

@@ -5,7 +5,7 @@
 //! Forward-mode differentiation by truncated Taylor arithmetic (Griewank and Walther 2008, *Evaluating Derivatives*,
 //! chapter 13).
 
-use crate::math::real::Real;
+use crate::math::real::{Real, triple};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// Value, gradient and Hessian of a scalar field at a point.
@@ -23,6 +23,18 @@ pub struct Jet<R> {
 
 /// First and second index of each stored second derivative.
 const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+
+/// As `triple!`, of six.
+macro_rules! sextuple {
+    ($k:ident => $e:expr) => {{
+        let low = triple!($k => $e);
+        let high = triple!(upper => {
+            let $k = upper + 3;
+            $e
+        });
+        [low[0], low[1], low[2], high[0], high[1], high[2]]
+    }};
+}
 
 impl<R: Real> Jet<R> {
     /// A constant.
@@ -58,20 +70,11 @@ impl<R: Real> Jet<R> {
         let g = self.gradient;
         Self {
             value: f,
-            gradient: g.map(|x| df * x),
-            hessian: std::array::from_fn(|k| {
+            gradient: triple!(i => df * g[i]),
+            hessian: sextuple!(k => {
                 let (i, j) = PAIRS[k];
                 df.mul_add(self.hessian[k], ddf * g[i] * g[j])
             }),
-        }
-    }
-
-    #[inline(always)]
-    fn zip(self, other: Self, f: impl Fn(R, R) -> R) -> Self {
-        Self {
-            value: f(self.value, other.value),
-            gradient: std::array::from_fn(|i| f(self.gradient[i], other.gradient[i])),
-            hessian: std::array::from_fn(|i| f(self.hessian[i], other.hessian[i])),
         }
     }
 }
@@ -80,7 +83,11 @@ impl<R: Real> Add for Jet<R> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| a + b)
+        Self {
+            value: self.value + other.value,
+            gradient: triple!(i => self.gradient[i] + other.gradient[i]),
+            hessian: sextuple!(k => self.hessian[k] + other.hessian[k]),
+        }
     }
 }
 
@@ -88,7 +95,11 @@ impl<R: Real> Sub for Jet<R> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| a - b)
+        Self {
+            value: self.value - other.value,
+            gradient: triple!(i => self.gradient[i] - other.gradient[i]),
+            hessian: sextuple!(k => self.hessian[k] - other.hessian[k]),
+        }
     }
 }
 
@@ -96,7 +107,11 @@ impl<R: Real> Neg for Jet<R> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self { value: -self.value, gradient: self.gradient.map(|x| -x), hessian: self.hessian.map(|x| -x) }
+        Self {
+            value: -self.value,
+            gradient: triple!(i => -self.gradient[i]),
+            hessian: sextuple!(k => -self.hessian[k]),
+        }
     }
 }
 
@@ -106,8 +121,8 @@ impl<R: Real> Mul for Jet<R> {
     fn mul(self, o: Self) -> Self {
         Self {
             value: self.value * o.value,
-            gradient: std::array::from_fn(|i| self.value.mul_add(o.gradient[i], o.value * self.gradient[i])),
-            hessian: std::array::from_fn(|k| {
+            gradient: triple!(i => self.value.mul_add(o.gradient[i], o.value * self.gradient[i])),
+            hessian: sextuple!(k => {
                 let (i, j) = PAIRS[k];
                 self.value * o.hessian[k]
                     + o.value * self.hessian[k]
@@ -167,7 +182,11 @@ impl<R: Real> Real for Jet<R> {
     #[inline(always)]
     fn select_lt(self, bound: Self, then: Self, otherwise: Self) -> Self {
         let (a, b) = (self.value, bound.value);
-        then.zip(otherwise, |x, y| a.select_lt(b, x, y))
+        Self {
+            value: a.select_lt(b, then.value, otherwise.value),
+            gradient: triple!(i => a.select_lt(b, then.gradient[i], otherwise.gradient[i])),
+            hessian: sextuple!(k => a.select_lt(b, then.hessian[k], otherwise.hessian[k])),
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! very same as in a lane of sixteen; the tail of an array is padded, never computed by other means.
 
 use crate::math::real::{Lane, Real, Word};
-use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdFrom, dispatch};
+use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdFrom};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 type FloatBits<S> = <<S as Simd>::f32s as SimdFloat<S>>::Bits;
@@ -33,7 +33,32 @@ pub trait Kernel {
 
 /// Runs the kernel with the best instruction set this processor has.
 pub fn run_kernel<K: Kernel>(kernel: K) -> K::Output {
-    dispatch!(Level::new(), simd => kernel.run(simd))
+    let level = Level::new();
+    // One instruction set less than `dispatch!` has: every one is a copy of all kernels to compile.
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(simd) = level.as_avx512() {
+            return simd.vectorize(
+                #[inline(always)]
+                || kernel.run(simd),
+            );
+        }
+        if let Some(simd) = level.as_avx2() {
+            return simd.vectorize(
+                #[inline(always)]
+                || kernel.run(simd),
+            );
+        }
+        if let Some(simd) = level.as_sse2() {
+            return simd.vectorize(
+                #[inline(always)]
+                || kernel.run(simd),
+            );
+        }
+        unreachable!("every x86-64 processor has SSE2")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    fearless_simd::dispatch!(level, simd => kernel.run(simd))
 }
 
 impl<S: Simd> Lanes<S> {
@@ -209,6 +234,10 @@ impl<S: Simd> Lane for Lanes<S> {
     fn any_lt(self, bound: Self) -> bool {
         use fearless_simd::SimdMask;
         self.values.simd_lt(bound.values).any_true()
+    }
+    #[inline(always)]
+    fn outlined<R>(self, f: impl FnOnce() -> R) -> R {
+        self.simd.vectorize(f)
     }
 }
 

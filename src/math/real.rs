@@ -103,6 +103,11 @@ pub trait Lane: Real {
     fn negate_by_top_bit(self, word: Self::Word) -> Self;
     /// True when any `self < bound`.
     fn any_lt(self, bound: Self) -> bool;
+    /// `f()`, in a function of its own that is compiled for this lane's instruction set. Large kernels are cut up so.
+    #[inline(always)]
+    fn outlined<R>(self, f: impl FnOnce() -> R) -> R {
+        f()
+    }
 }
 
 macro_rules! scalar {
@@ -176,6 +181,28 @@ macro_rules! scalar {
 
 scalar!(f32);
 scalar!(f64);
+
+/// `[e(0), e(1), e(2)]` for `triple!(i => e(i))`, without a closure: a closure that the compiler does not inline is
+/// compiled for the baseline processor and makes SIMD code many times slower.
+macro_rules! triple {
+    ($i:ident => $e:expr) => {
+        [
+            {
+                let $i: usize = 0;
+                $e
+            },
+            {
+                let $i: usize = 1;
+                $e
+            },
+            {
+                let $i: usize = 2;
+                $e
+            },
+        ]
+    };
+}
+pub(crate) use triple;
 
 /// Scalar product of two triples.
 #[inline(always)]

@@ -1,0 +1,267 @@
+//! All particles of a scene, carried from step to step of the global time grid.
+//!
+//! A particle's path depends on nothing but its own birth and the field, so a frame computed alone (from the oldest
+//! particle that may still live) is the same to the last bit as at the end of a sequence.
+
+use crate::flow::field::VelocityField;
+use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
+use crate::particles::emit::Emitter;
+use crate::particles::{Particles, ParticlesError};
+use crate::progress::{Progress, Stage};
+
+/// Bits of an identity that hold the index within its emitter.
+const INDEX_BITS: u32 = 44;
+
+/// The time grid: step n runs from n to n+1 times `step` seconds, and frame f is at step `(f − first)·substeps`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeGrid {
+    /// Number of the frame at time 0.
+    pub first_frame: i32,
+    /// Steps of a frame.
+    pub substeps: u32,
+    /// Frames per second.
+    pub fps: f64,
+}
+
+impl TimeGrid {
+    /// Time at which step `n` begins [s].
+    pub fn time(&self, n: i64) -> f64 {
+        // One division of exact numbers: the same in every order of evaluation.
+        n as f64 / (self.fps * f64::from(self.substeps))
+    }
+
+    /// Length of a step [s].
+    pub fn step(&self) -> f64 {
+        1.0 / (self.fps * f64::from(self.substeps))
+    }
+
+    fn step_of_frame(&self, frame: i32) -> i64 {
+        (i64::from(frame) - i64::from(self.first_frame)) * i64::from(self.substeps)
+    }
+
+    /// The last step that begins at or before a time.
+    fn step_before(&self, time: f64) -> i64 {
+        (time * self.fps * f64::from(self.substeps)).floor() as i64
+    }
+}
+
+/// Size of the kernel that a particle is splatted with: radius² = radius0² + expansion²·age.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KernelSize {
+    /// Of a new particle [m].
+    pub initial_radius: f64,
+    /// [m/√s].
+    pub expansion: f64,
+}
+
+/// The particles of one emitter, in the order of their indices.
+#[derive(Debug, Clone, Default)]
+struct Cloud {
+    position: Coordinates,
+    birth: Vec<f64>,
+    lifetime: Vec<f32>,
+    index: Vec<u64>,
+}
+
+/// Particles in motion.
+#[derive(Debug)]
+pub struct ParticleSystem {
+    field: VelocityField,
+    emitters: Vec<Emitter>,
+    grid: TimeGrid,
+    scheme: Scheme,
+    kernel: KernelSize,
+    clouds: Vec<Cloud>,
+    /// The step at whose beginning the clouds are.
+    step: Option<i64>,
+    phases: Vec<f32>,
+    frame: Particles,
+    penetrations: u64,
+    born_inside: u64,
+    particle_steps: u64,
+}
+
+impl ParticleSystem {
+    /// A system that is at no frame yet.
+    pub fn new(
+        field: VelocityField,
+        emitters: Vec<Emitter>,
+        grid: TimeGrid,
+        scheme: Scheme,
+        kernel: KernelSize,
+    ) -> Self {
+        Self {
+            clouds: vec![Cloud::default(); emitters.len()],
+            field,
+            emitters,
+            grid,
+            scheme,
+            kernel,
+            step: None,
+            phases: Vec::new(),
+            frame: Particles::default(),
+            penetrations: 0,
+            born_inside: 0,
+            particle_steps: 0,
+        }
+    }
+
+    /// The velocity field.
+    pub fn field(&self) -> &VelocityField {
+        &self.field
+    }
+
+    /// Steps that ended inside an obstacle and were corrected, since the system was made.
+    pub fn penetrations(&self) -> u64 {
+        self.penetrations
+    }
+
+    /// Particles that were born inside an obstacle and moved to its surface, since the system was made.
+    pub fn born_inside(&self) -> u64 {
+        self.born_inside
+    }
+
+    /// Particle steps taken since the system was made.
+    pub fn particle_steps(&self) -> u64 {
+        self.particle_steps
+    }
+
+    /// The particles alive at a frame. Frames may come in any order; going on from the one before is cheapest.
+    ///
+    /// # Errors
+    /// Cancelled, or a particle has left all bounds. The system stays usable.
+    pub fn at_frame(&mut self, frame: i32, progress: &dyn Progress) -> Result<&Particles, ParticlesError> {
+        let target = self.grid.step_of_frame(frame);
+        let oldest = self.oldest_step(target);
+        // Particles that live at the target were born after `oldest`; going on pays only from a later state.
+        let mut step = match self.step {
+            Some(step) if step <= target && step >= oldest => step,
+            _ => {
+                self.clouds.iter_mut().for_each(Cloud::clear);
+                oldest
+            }
+        };
+        progress.begin(Stage::Advect, self.expected_work(step, target));
+        while step < target {
+            if progress.is_cancelled() {
+                progress.end(Stage::Advect);
+                self.step = Some(step);
+                return Err(ParticlesError::Cancelled);
+            }
+            progress.advance(self.take_step(step));
+            step += 1;
+        }
+        self.step = Some(target);
+        self.collect(self.grid.time(target));
+        progress.end(Stage::Advect);
+        if self.frame.position.iter().flatten().any(|x| !x.is_finite()) {
+            return Err(ParticlesError::NotFinite { frame });
+        }
+        Ok(&self.frame)
+    }
+
+    /// The latest step before which no particle was born that may live at the beginning of step `target`.
+    fn oldest_step(&self, target: i64) -> i64 {
+        let time = self.grid.time(target);
+        let first_births = self.emitters.iter().map(|e| (time - e.longest_life()).max(e.start));
+        let oldest = first_births.fold(time, f64::min);
+        // One more than needed, for rounding.
+        self.grid.step_before(oldest).saturating_sub(1).min(target)
+    }
+
+    fn expected_work(&self, from: i64, to: i64) -> u64 {
+        // A sequence may be long and the estimate is only for people: a few hundred samples.
+        let stride = ((to - from) / 256).max(1);
+        let live = |n: i64| self.emitters.iter().map(|e| e.expected_live(self.grid.time(n + 1))).sum::<f64>();
+        (from..to).step_by(stride as usize).map(|n| live(n) * stride as f64).sum::<f64>() as u64
+    }
+
+    /// Takes all clouds from the beginning of a step to its end; returns the number of particle steps.
+    fn take_step(&mut self, step: i64) -> u64 {
+        let (start, end) = (self.grid.time(step), self.grid.time(step + 1));
+        let duration = self.grid.step();
+        let span = self.field.span(start, duration);
+        let mut work = 0;
+        for (cloud, emitter) in self.clouds.iter_mut().zip(&self.emitters) {
+            let older = cloud.index.len();
+            self.phases.clear();
+            for index in emitter.candidates(start, end) {
+                let Some(birth) = emitter.birth(index) else { continue };
+                if birth.time <= start || birth.time > end {
+                    continue;
+                }
+                let (position, moved) = self.field.pushed_out(birth.position);
+                self.born_inside += u64::from(moved);
+                cloud.push(index, birth.time, birth.lifetime, position);
+                self.phases.push((((birth.time - start) / duration) as f32).clamp(0.0, 1.0));
+            }
+            let (all, phases) = (cloud.index.len(), Some(self.phases.as_slice()));
+            for (range, phases) in [(0..older, None), (older..all, phases)] {
+                self.penetrations +=
+                    advance(&self.field, &span, self.scheme, duration, &mut cloud.position, range, phases);
+            }
+            work += cloud.index.len() as u64;
+            cloud.bury(end);
+        }
+        self.particle_steps += work;
+        work
+    }
+
+    /// Fills the frame from the clouds.
+    fn collect(&mut self, time: f64) {
+        let frame = &mut self.frame;
+        frame.clear();
+        for (e, (cloud, emitter)) in self.clouds.iter().zip(&self.emitters).enumerate() {
+            for axis in 0..3 {
+                frame.position[axis].extend_from_slice(&cloud.position[axis]);
+            }
+            for i in 0..cloud.index.len() {
+                let age = (time - cloud.birth[i]) as f32;
+                frame.age.push(age);
+                frame.mass.push(emitter.mass(age, cloud.lifetime[i]));
+                let square = self.kernel.initial_radius.powi(2) + self.kernel.expansion.powi(2) * f64::from(age);
+                frame.radius.push(square.sqrt() as f32);
+                frame.id.push((e as u64) << INDEX_BITS | cloud.index[i]);
+            }
+        }
+        let count = frame.id.len();
+        frame.velocity.iter_mut().for_each(|v| v.resize(count, 0.0));
+        evaluate(&self.field.span(time, 0.0), &frame.position, &mut frame.velocity);
+    }
+}
+
+impl Cloud {
+    fn clear(&mut self) {
+        self.position.iter_mut().for_each(Vec::clear);
+        self.birth.clear();
+        self.lifetime.clear();
+        self.index.clear();
+    }
+
+    fn push(&mut self, index: u64, birth: f64, lifetime: f32, position: [f32; 3]) {
+        for (array, x) in self.position.iter_mut().zip(position) {
+            array.push(x);
+        }
+        self.birth.push(birth);
+        self.lifetime.push(lifetime);
+        self.index.push(index);
+    }
+
+    /// Removes particles whose life is over at `time` [s]; the others keep their order.
+    fn bury(&mut self, time: f64) {
+        let mut kept = 0;
+        for i in 0..self.index.len() {
+            if time - self.birth[i] < f64::from(self.lifetime[i]) {
+                self.position.iter_mut().for_each(|a| a[kept] = a[i]);
+                self.birth[kept] = self.birth[i];
+                self.lifetime[kept] = self.lifetime[i];
+                self.index[kept] = self.index[i];
+                kept += 1;
+            }
+        }
+        self.position.iter_mut().for_each(|a| a.truncate(kept));
+        self.birth.truncate(kept);
+        self.lifetime.truncate(kept);
+        self.index.truncate(kept);
+    }
+}

@@ -1,0 +1,159 @@
+//! Properties of particles: frames that stand alone, and obstacles that nothing enters.
+
+use curlsmoke::flow::field::{Source, VelocityField};
+use curlsmoke::flow::obstacles::build_obstacles;
+use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use curlsmoke::geometry::primitive::{Cuboid, Primitive, Sphere, Torus};
+use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
+use curlsmoke::math::hash::Seed;
+use curlsmoke::math::space::Similarity;
+use curlsmoke::particles::advect::{CLASSICAL, EULER, Scheme};
+use curlsmoke::particles::emit::{Emitter, Place, Schedule};
+use curlsmoke::particles::system::{KernelSize, TimeGrid};
+use curlsmoke::particles::{ParticleSystem, ParticlesError};
+use curlsmoke::progress::{Progress, Silent};
+use glam::DVec3;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn field() -> VelocityField {
+    let swirls = OctavesSettings {
+        length_scale: 0.5,
+        speed: 0.8,
+        octaves: 3,
+        lacunarity: 2.0,
+        gain: kolmogorov_gain(2.0),
+        spin_rate: 0.5,
+        scroll: [0.0, 0.4, 0.0],
+        seed: Seed(4),
+    };
+    let mut sources: Vec<_> = octaves(&swirls).into_iter().map(Source::Octave).collect();
+    sources.push(Source::Uniform { velocity: [0.0, 0.8, 0.0], influence: None });
+    let solids = [
+        Primitive::Sphere(Sphere { center: DVec3::new(0.1, 0.8, 0.0), radius: 0.3 }),
+        Primitive::Torus(Torus { center: DVec3::Y * 1.9, axis: DVec3::Y, major_radius: 0.4, minor_radius: 0.1 }),
+        Primitive::Cuboid(Cuboid {
+            center: DVec3::new(0.7, 0.9, 0.1),
+            half_size: DVec3::new(0.15, 0.3, 0.2),
+            rounding: 0.0,
+        }),
+    ];
+    let solids = solids.map(|p| Arc::new(PlacedSdf::new(Sdf::Primitive(p), Similarity::IDENTITY)));
+    VelocityField::new(sources, build_obstacles(solids.to_vec()))
+}
+
+fn emitter(place: Place, schedule: Schedule, seed: u64) -> Emitter {
+    Emitter {
+        place,
+        schedule,
+        start: -0.3,
+        stop: f64::INFINITY,
+        lifetime: 1.5,
+        lifetime_spread: 0.3,
+        particle_mass: 1.0,
+        fade_in: 0.1,
+        fade_out: 0.3,
+        seed: Seed(seed),
+    }
+}
+
+fn system(rate: f64, scheme: Scheme, substeps: u32) -> ParticleSystem {
+    let disk = Place::Disk { center: DVec3::Y * 0.05, normal: DVec3::Y, radius: 0.4 };
+    let ball = Place::Ball { center: DVec3::new(0.1, 0.6, 0.0), radius: 0.2 };
+    let emitters = vec![emitter(disk, Schedule::Rate(rate), 1), emitter(ball, Schedule::Count((rate * 0.3) as u64), 2)];
+    let grid = TimeGrid { first_frame: 1, substeps, fps: 24.0 };
+    ParticleSystem::new(field(), emitters, grid, scheme, KernelSize { initial_radius: 0.03, expansion: 0.01 })
+}
+
+#[test]
+fn a_frame_alone_equals_the_same_frame_of_a_sequence_to_the_bit() {
+    let mut sequence = system(2000.0, CLASSICAL, 2);
+    let mut backwards = system(2000.0, CLASSICAL, 2);
+    backwards.at_frame(60, &Silent).unwrap();
+    for frame in 1..=40 {
+        let in_sequence = sequence.at_frame(frame, &Silent).unwrap().clone();
+        if [1, 2, 20, 37, 40].contains(&frame) {
+            let alone = system(2000.0, CLASSICAL, 2).at_frame(frame, &Silent).unwrap().clone();
+            assert!(alone == in_sequence, "frame {frame}");
+            assert!(*backwards.at_frame(frame, &Silent).unwrap() == in_sequence, "frame {frame}, from a later one");
+            assert!(in_sequence.len() > 500);
+            assert!(in_sequence.id.is_sorted());
+        }
+    }
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let alone = one_thread.install(|| system(2000.0, CLASSICAL, 2).at_frame(40, &Silent).unwrap().clone());
+    assert!(alone == *sequence.at_frame(40, &Silent).unwrap(), "on one thread");
+}
+
+#[test]
+fn after_96_frames_no_particle_is_inside_an_obstacle() {
+    for (name, scheme, substeps) in [("rk4", CLASSICAL, 1), ("euler", EULER, 1)] {
+        let mut system = system(4000.0, scheme, substeps);
+        let mut seen = 0;
+        for frame in 1..=96 {
+            let particles = system.at_frame(frame, &Silent).unwrap();
+            seen += particles.len();
+        }
+        let particles = system.at_frame(96, &Silent).unwrap().clone();
+        let inside = (0..particles.len())
+            .filter(|&i| system.field().distance([0, 1, 2].map(|a| f64::from(particles.position[a][i]))) < 0.0)
+            .count();
+        println!(
+            "{name}: {} alive of {seen} particle frames, {inside} inside; {} steps of {} corrected, {} born inside",
+            particles.len(),
+            system.penetrations(),
+            system.particle_steps(),
+            system.born_inside()
+        );
+        assert_eq!(inside, 0);
+        assert!(system.born_inside() > 0, "the ball touches the sphere");
+        if scheme == EULER {
+            assert!(system.penetrations() > 0, "long steps of first order do cut corners");
+        } else {
+            assert!((system.penetrations() as f64) < 1e-2 * system.particle_steps() as f64);
+        }
+    }
+}
+
+#[test]
+fn mass_velocity_age_and_radius_belong_to_the_frame() {
+    let mut system = system(1000.0, CLASSICAL, 1);
+    let particles = system.at_frame(10, &Silent).unwrap().clone();
+    let time = 9.0 / 24.0;
+    for i in (0..particles.len()).step_by(17) {
+        let p = [0, 1, 2].map(|a| f64::from(particles.position[a][i]));
+        let v = system.field().velocity(p, time);
+        for axis in 0..3 {
+            assert!((v[axis] - f64::from(particles.velocity[axis][i])).abs() < 2e-3);
+        }
+        let age = particles.age[i];
+        assert!((0.0..2.0).contains(&age) && (0.0..=1.0).contains(&particles.mass[i]));
+        assert!((particles.radius[i].powi(2) - (0.03f32.powi(2) + 0.01f32.powi(2) * age)).abs() < 1e-7);
+    }
+}
+
+#[derive(Default)]
+struct Counting {
+    units: AtomicU64,
+    is_cancelled: bool,
+}
+
+impl Progress for Counting {
+    fn advance(&self, units: u64) {
+        self.units.fetch_add(units, Ordering::Relaxed);
+    }
+    fn is_cancelled(&self) -> bool {
+        self.is_cancelled
+    }
+}
+
+#[test]
+fn progress_is_told_and_cancelling_is_obeyed() {
+    let mut system = system(1000.0, CLASSICAL, 1);
+    let counting = Counting::default();
+    system.at_frame(10, &counting).unwrap();
+    assert_eq!(counting.units.load(Ordering::Relaxed), system.particle_steps());
+    let cancelled = Counting { is_cancelled: true, ..Counting::default() };
+    assert!(matches!(system.at_frame(20, &cancelled), Err(ParticlesError::Cancelled)));
+    assert!(system.at_frame(20, &Silent).is_ok());
+}
