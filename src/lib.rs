@@ -23,4 +23,3 @@ pub mod grid;
 pub mod render;
 
 pub mod output;
-

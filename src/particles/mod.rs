@@ -4,9 +4,24 @@ pub mod advect;
 pub mod emit;
 pub mod system;
 
+use crate::flow::VelocityField;
+use crate::geometry::Geometry;
+use crate::math::hash::Seed;
+use crate::particles::advect::{CLASSICAL, EULER, MIDPOINT};
+use crate::particles::emit::{Emitter, Place, Schedule, Surface};
+use crate::particles::system::{KernelSize, TimeGrid};
+use crate::scene::footprint::{PARTICLE_BYTES, live_count};
+use crate::scene::settings::{self, Integrator};
+use crate::scene::{Scene, settings::Settings};
+use glam::DVec3;
 use thiserror::Error;
 
 pub use crate::particles::system::ParticleSystem;
+
+/// Particles start with this word in the derivation of their keys.
+const PARTICLE_KEYS: u64 = 0x7061_7274;
+/// The least kernel radius, and the default [voxels].
+const KERNEL_VOXELS: f64 = 1.5;
 
 /// The particles alive at a frame, in the order of emitter and index: an array for each quantity.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -80,4 +95,86 @@ pub enum ParticlesError {
     /// Stopped on request.
     #[error("cancelled")]
     Cancelled,
+}
+
+impl ParticleSystem {
+    /// The particles of a scene.
+    ///
+    /// # Errors
+    /// Too many particles for the memory limit, an emitter whose shape is no mesh, or no emitters at all.
+    pub fn build(scene: &Scene, geometry: &Geometry) -> Result<Self, ParticlesError> {
+        let settings = &scene.settings;
+        let smoke = settings.smoke.as_ref().ok_or(ParticlesError::NoEmitters)?;
+        let grid = smoke.grid.as_ref().ok_or(ParticlesError::NoEmitters)?;
+        check_memory(settings, &smoke.emitters)?;
+        let seed = Seed(settings.render.seed).derive(PARTICLE_KEYS);
+        let emitters = smoke.emitters.iter().enumerate();
+        let emitters = emitters
+            .map(|(i, e)| build_emitter(e, i, seed.derive(i as u64), geometry))
+            .collect::<Result<Vec<_>, _>>()?;
+        let scheme = match smoke.advect.integrator {
+            Integrator::Euler => EULER,
+            Integrator::Rk2 => MIDPOINT,
+            Integrator::Rk4 => CLASSICAL,
+        };
+        let frames = &settings.frames;
+        let time = TimeGrid { first_frame: frames.first, substeps: smoke.advect.substeps, fps: frames.fps };
+        let least = KERNEL_VOXELS * grid.voxel_size;
+        let kernel =
+            KernelSize { initial_radius: grid.kernel_radius.unwrap_or(least).max(least), expansion: grid.expansion };
+        Ok(Self::new(VelocityField::build(scene, geometry), emitters, time, scheme, kernel))
+    }
+}
+
+fn check_memory(settings: &Settings, emitters: &[settings::Emitter]) -> Result<(), ParticlesError> {
+    const GIB: f64 = (1u64 << 30) as f64;
+    let count = emitters.iter().map(|e| live_count(e, &settings.frames)).sum::<f64>();
+    let needed_gib = count * PARTICLE_BYTES / GIB;
+    let limit_gib = settings.render.memory_limit_gib;
+    if needed_gib > limit_gib {
+        return Err(ParticlesError::OverMemoryLimit { count, needed_gib, limit_gib });
+    }
+    Ok(())
+}
+
+fn build_emitter(
+    e: &settings::Emitter,
+    emitter_idx: usize,
+    seed: Seed,
+    geometry: &Geometry,
+) -> Result<Emitter, ParticlesError> {
+    let v = DVec3::from_array;
+    let place = if let Some(s) = &e.disk {
+        Place::Disk { center: v(s.center), normal: v(s.normal).normalize_or(DVec3::Y), radius: s.radius }
+    } else if let Some(s) = &e.sphere {
+        Place::Ball { center: v(s.center), radius: s.radius }
+    } else if let Some(s) = &e.cuboid {
+        Place::Cuboid { center: v(s.center), size: v(s.size) }
+    } else if let Some(s) = &e.mesh {
+        let mesh = geometry.shapes.iter().find(|shape| shape.name == s.shape).and_then(|shape| shape.mesh.as_ref());
+        let triangles = mesh.map(|m| (0..m.triangles().len()).map(|i| m.corners(i)).collect()).unwrap_or_default();
+        let surface = Surface::try_new(triangles, s.offset);
+        Place::Surface(surface.ok_or(ParticlesError::NoSurface { emitter_idx, shape: s.shape.clone() })?)
+    } else {
+        Place::Point(e.point.as_ref().map_or(DVec3::ZERO, |s| v(s.position)))
+    };
+    let (schedule, share) = match (e.rate, e.count) {
+        (_, Some(count)) => (Schedule::Count(count), 1.0 / count.max(1) as f64),
+        (rate, None) => {
+            let rate = rate.unwrap_or(0.0);
+            (Schedule::Rate(rate), if rate > 0.0 { 1.0 / rate } else { 0.0 })
+        }
+    };
+    Ok(Emitter {
+        place,
+        schedule,
+        start: e.start,
+        stop: e.stop.unwrap_or(f64::INFINITY),
+        lifetime: e.lifetime,
+        lifetime_spread: e.lifetime_spread,
+        particle_mass: e.mass * share,
+        fade_in: e.fade_in,
+        fade_out: e.fade_out,
+        seed,
+    })
 }
