@@ -99,7 +99,8 @@ impl Error {
             self,
             Error::Cancelled
                 | Error::Geometry(GeometryError::Cancelled)
-                | Error::Render(RenderError::Cancelled) | Error::Particles(ParticlesError::Cancelled)
+                | Error::Render(RenderError::Cancelled)
+                | Error::Particles(ParticlesError::Cancelled)
         )
     }
 }

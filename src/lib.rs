@@ -23,3 +23,9 @@ pub mod grid;
 pub mod render;
 
 pub mod output;
+
+pub mod error;
+
+pub mod pipeline;
+
+pub mod cli;

@@ -1,1 +1,7 @@
-fn main() {}
+//! The program `curlsmoke`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    curlsmoke::cli::run().into()
+}

@@ -318,7 +318,8 @@ impl InputHash {
             volume = file_hash(&path)?;
         }
         let version = env!("CARGO_PKG_VERSION");
-        let parts = [version.as_bytes(), &self.settings, self.files.as_bytes(), volume.as_bytes(), &frame.to_le_bytes()];
+        let parts =
+            [version.as_bytes(), &self.settings, self.files.as_bytes(), volume.as_bytes(), &frame.to_le_bytes()];
         Ok(sidecar::fingerprint(&parts))
     }
 }

@@ -80,7 +80,8 @@ pub(crate) fn test(
             rounding: ours[c].iter().zip(theirs[c]).map(|(&a, &b)| rounding(a, b)).collect(),
         })
         .collect();
-    if let Some(i) = (0..image.pixel_count()).find(|&i| channels.iter().any(|c| !(c.variance[i] >= 0.0))) {
+    let senseless = |variance: f64| variance.is_nan() || variance < 0.0;
+    if let Some(i) = (0..image.pixel_count()).find(|&i| channels.iter().any(|c| senseless(c.variance[i]))) {
         let [x, y] = image.position(i);
         report.find("finite", false, format!("the variance of pixel ({x}, {y}) is negative or not a number"));
         return Ok(());

@@ -1,0 +1,27 @@
+//! `curlsmoke bake`.
+
+use crate::cli::args::BakeArguments;
+use crate::cli::frames::{frames, load_scene, start_threads};
+use crate::cli::print_result;
+use crate::cli::progress::{Reporter, count};
+use crate::cli::render::conclude;
+use crate::cli::signals::Signals;
+use crate::error::Error;
+use crate::pipeline;
+
+/// Writes densities; the exit code.
+pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
+    let scene = load_scene(&arguments.common, Vec::new())?;
+    let frames = frames(&arguments.common, &scene)?;
+    start_threads(&arguments.common)?;
+    let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
+    let reporter = Reporter::new(arguments.common.progress, signals.clone());
+    let mut printed = Ok(());
+    let result = pipeline::bake(&scene, &frames, arguments.output.as_deref(), &reporter, &mut |_, path, grid| {
+        let line = format!("{}  {} voxels", path.display(), count(grid.active_voxel_count() as f64));
+        if printed.is_ok() {
+            printed = reporter.suspend(|| print_result(&line));
+        }
+    });
+    conclude(result.and(printed), &reporter, &signals)
+}

@@ -1,0 +1,55 @@
+//! `curlsmoke compare`.
+
+use crate::cli::args::{CompareArguments, CompareMode};
+use crate::cli::{DIFFERENT, print_result};
+use crate::error::Error;
+use crate::output::agreement::StatisticalSettings;
+use crate::output::compare::{Measure, Mode, compare};
+use crate::output::{heat_map, read_image};
+use std::path::{Path, PathBuf};
+
+/// Compares; 0 when the pictures agree, else [`DIFFERENT`].
+pub(super) fn run(arguments: &CompareArguments) -> Result<u8, Error> {
+    let mode = mode_of(arguments)?;
+    let limit = arguments.memory_limit.bytes();
+    let image = read_image(&arguments.image, limit)?;
+    let reference = read_image(&arguments.reference, limit)?;
+    let variance = match (&arguments.variance, mode) {
+        (Some(path), _) => Some(read_image(path, limit)?),
+        (None, Mode::Statistical(_)) => {
+            variance_beside(&arguments.reference).map(|path| read_image(&path, limit)).transpose()?
+        }
+        (None, _) => None,
+    };
+    let report =
+        compare(&image, &reference, variance.as_ref(), mode).map_err(|error| Error::Usage(error.to_string()))?;
+    print_result(&report.to_string())?;
+    for path in &arguments.heat_map {
+        heat_map::write(path, &report)?;
+    }
+    Ok(if report.passed() { 0 } else { DIFFERENT })
+}
+
+fn mode_of(arguments: &CompareArguments) -> Result<Mode, Error> {
+    let measure = match arguments.mode {
+        CompareMode::Exact => return Ok(Mode::Exact),
+        CompareMode::Stat => {
+            let settings = StatisticalSettings { alpha: arguments.alpha, pixel_share: arguments.pixels / 100.0 };
+            return Ok(Mode::Statistical(settings));
+        }
+        CompareMode::Mse => Measure::Mse,
+        CompareMode::Relmse => Measure::RelMse,
+        CompareMode::Psnr => Measure::Psnr,
+        CompareMode::Max => Measure::Max,
+    };
+    match arguments.threshold {
+        Some(threshold) => Ok(Mode::Measure(measure, threshold)),
+        None => Err(Error::Usage("this mode needs a limit; add --threshold, for example --threshold 1e-3".into())),
+    }
+}
+
+/// `x.var.exr` beside `x.mean.exr`, if it is there.
+fn variance_beside(reference: &Path) -> Option<PathBuf> {
+    let stem = reference.file_name()?.to_str()?.strip_suffix(".mean.exr")?;
+    Some(reference.with_file_name(format!("{stem}.var.exr"))).filter(|path| path.exists())
+}

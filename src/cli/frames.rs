@@ -1,0 +1,57 @@
+//! From flags to a scene, a list of frames and a pool of threads: what `render` and `bake` share.
+
+use crate::cli::args::FrameArguments;
+use crate::cli::{log, warn_about};
+use crate::error::Error;
+use crate::output::frames::{self, spell};
+use crate::scene::Scene;
+
+/// The scene with all flags applied that change it, `more` in front so that `--set` has the last word.
+pub fn load_scene(arguments: &FrameArguments, more: Vec<(String, String)>) -> Result<Scene, Error> {
+    let mut overrides = more;
+    if let Some(seed) = arguments.seed {
+        overrides.push(("render.seed".into(), seed.to_string()));
+    }
+    if let Some(memory) = arguments.memory_limit {
+        overrides.push(("render.memory_limit_gib".into(), memory.0.to_string()));
+    }
+    overrides.extend(arguments.overrides.iter().map(|o| (o.0.clone(), o.1.clone())));
+    warn_about(Scene::load_with(&arguments.scene, &overrides), |scene| {
+        scene.warnings.iter().map(ToString::to_string).collect()
+    })
+}
+
+/// The frames to make: those of `--frames`, or all of the scene.
+pub fn frames(arguments: &FrameArguments, scene: &Scene) -> Result<Vec<i32>, Error> {
+    let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
+    let Some(text) = &arguments.frames else { return Ok((first..=last).collect()) };
+    let list = frames::parse(text)?;
+    if list.duplicate_count > 0 {
+        log(&format!("note: {} frames are listed more than once and made once", list.duplicate_count));
+    }
+    // Memory was checked for the frames of the scene.
+    match list.frames.iter().find(|f| !(first..=last).contains(f)) {
+        Some(frame) => Err(Error::Usage(format!(
+            "frame {frame} is not one of the scene's frames {}; change them with --set frames.first={} --set \
+             frames.last={}",
+            spell(&(first..=last).collect::<Vec<_>>()),
+            first.min(*frame),
+            last.max(*frame)
+        ))),
+        None => Ok(list.frames),
+    }
+}
+
+/// Makes the pool of threads that all stages use.
+pub fn start_threads(arguments: &FrameArguments) -> Result<(), Error> {
+    /// More threads than this are a slip of the finger.
+    const THREADS_MAX: usize = 4096;
+    let count = arguments.threads.unwrap_or(0);
+    if arguments.threads == Some(0) || count > THREADS_MAX {
+        return Err(Error::Usage(format!("--threads {count}: write a number from 1 to {THREADS_MAX}")));
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
+        .build_global()
+        .map_err(|e| Error::Usage(format!("--threads {count}: {e}")))
+}

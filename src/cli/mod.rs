@@ -1,0 +1,82 @@
+//! The command line: one file for each verb, and what they share. Standard output is for results, standard error for
+//! everything else.
+
+pub mod args;
+mod bake;
+mod check;
+mod compare;
+mod frames;
+pub mod progress;
+mod render;
+mod signals;
+mod values;
+
+use crate::cli::args::{Arguments, Verb};
+use crate::error::Error;
+use crate::output::OutputError;
+use crate::scene::SceneError;
+use clap::Parser;
+use std::io::{ErrorKind, Write};
+
+/// Exit code for pictures that differ.
+const DIFFERENT: u8 = 7;
+
+/// Runs the program with the arguments it was started with; returns its exit code.
+pub fn run() -> u8 {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help that nobody reads to the end is no failure.
+            let _ = error.print();
+            return u8::try_from(error.exit_code()).unwrap_or(2);
+        }
+    };
+    let result = match arguments.verb {
+        Verb::Render(arguments) => render::run(&arguments),
+        Verb::Check(arguments) => check::run(&arguments),
+        Verb::Schema => check::schema(),
+        Verb::Bake(arguments) => bake::run(&arguments),
+        Verb::Compare(arguments) => compare::run(&arguments),
+    };
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            report(&error);
+            error.exit_code()
+        }
+    }
+}
+
+/// Prints an error with all its causes.
+fn report(error: &Error) {
+    match error {
+        // Says `error:` at each of its places.
+        Error::Scene(error) => log(&error.to_string()),
+        error => log(&format!("error: {error}")),
+    }
+}
+
+/// Prints a line on standard error. A reader that went away is no failure.
+fn log(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Prints a result on standard output. A reader that went away is no failure, a full disk is.
+fn print_result(text: &str) -> Result<(), Error> {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(cause) if cause.kind() != ErrorKind::BrokenPipe => {
+            Err(OutputError::Unwritable { path: "standard output".into(), cause }.into())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints the warnings of a scene, or the scene's errors are the command's.
+fn warn_about<T>(scene: Result<T, SceneError>, warnings: impl Fn(&T) -> Vec<String>) -> Result<T, Error> {
+    let scene = scene?;
+    for warning in warnings(&scene) {
+        log(&warning);
+    }
+    Ok(scene)
+}

@@ -1,0 +1,124 @@
+//! `curlsmoke render`.
+
+use crate::cli::args::RenderArguments;
+use crate::cli::frames::{frames, load_scene, start_threads};
+use crate::cli::progress::{Reporter, count, duration};
+use crate::cli::signals::Signals;
+use crate::cli::{log, print_result, report};
+use crate::error::Error;
+use crate::output::frames::{check_distinct, spell};
+use crate::pipeline::{self, FrameOutcome, RenderJob};
+use crate::scene::Scene;
+use crate::scene::pattern::Pattern;
+use std::path::PathBuf;
+
+/// Renders; the exit code.
+pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
+    let scene = scene_of(arguments)?;
+    let frames = frames(&arguments.common, &scene)?;
+    let resolution = scene.settings.film.resolution;
+    let crop = arguments.crop.map(|crop| crop.bounds(resolution)).transpose().map_err(Error::Usage)?;
+    let names = Names::of(&scene)?;
+    if arguments.dry_run {
+        return describe(&scene, &frames, &names).map(|()| 0);
+    }
+    start_threads(&arguments.common)?;
+    let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
+    let reporter = Reporter::new(arguments.common.progress, signals.clone());
+    let job = RenderJob { frames, crop, resume: arguments.resume };
+    let mut printed = Ok(());
+    let result = pipeline::render(&scene, &job, &reporter, &mut |outcome| {
+        let line = names.line(outcome);
+        if let FrameOutcome::Kept { frame } = outcome {
+            reporter.note(&format!("frame {frame} is finished already"));
+        } else if printed.is_ok() {
+            printed = reporter.suspend(|| print_result(&line));
+        }
+    });
+    conclude(result.and(printed), &reporter, &signals)
+}
+
+/// Ends a run of frames: the exit code, with the signal's if one came.
+pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: &Signals) -> Result<u8, Error> {
+    let code = match (&result, signals.received()) {
+        (Ok(()), _) => 0,
+        (Err(error), Some(signal)) if error.is_cancelled() => 128 + signal,
+        (Err(error), _) => error.exit_code(),
+    };
+    let message = result.as_ref().err().map(ToString::to_string).unwrap_or_default();
+    reporter.finish(code, &message);
+    if let Err(error) = &result {
+        if error.is_cancelled() {
+            log("stopped; finished frames are whole, and --resume goes on from there");
+        } else {
+            report(error);
+        }
+    }
+    Ok(code)
+}
+
+/// The scene with the flags of `render` applied.
+fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
+    let mut overrides = Vec::new();
+    if let Some(spp) = arguments.spp {
+        overrides.push(("film.spp".to_string(), spp.to_string()));
+    }
+    if let Some(resolution) = arguments.resolution {
+        // A share needs to know of what. Errors of the scene come out here as well as below.
+        let own = Scene::load(&arguments.common.scene)?.settings.film.resolution;
+        let [width, height] = resolution.pixels(own);
+        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+    }
+    load_scene(&arguments.common, overrides)
+}
+
+/// Names of the pictures of a scene.
+struct Names {
+    image: Pattern,
+    scene: String,
+}
+
+impl Names {
+    fn of(scene: &Scene) -> Result<Self, Error> {
+        let text = &scene.settings.output.image;
+        let image = Pattern::parse(text).map_err(|e| Error::Pattern(text.clone(), e))?;
+        Ok(Self { image, scene: scene.name().into() })
+    }
+
+    fn image(&self, frame: i32) -> PathBuf {
+        self.image.expand(frame, &self.scene).into()
+    }
+
+    /// What is said of a frame on standard output: its picture, and how it went.
+    fn line(&self, outcome: &FrameOutcome) -> String {
+        match outcome {
+            FrameOutcome::Kept { frame } => self.image(*frame).display().to_string(),
+            FrameOutcome::Made(record) => format!(
+                "{}  {}, {} samples/s",
+                self.image(record.frame).display(),
+                duration(record.seconds.values().sum()),
+                count(record.samples_per_second)
+            ),
+        }
+    }
+}
+
+/// Prints what would be made.
+fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
+    check_distinct(frames, |frame| names.image(frame))?;
+    let film = &scene.settings.film;
+    let [width, height] = film.resolution;
+    let samples = f64::from(width) * f64::from(height) * f64::from(film.spp) * frames.len() as f64;
+    print_result(&format!(
+        "{} frames: {}\n{width} × {height} pixels, {} samples per pixel, {} camera samples in all\nseed {}",
+        frames.len(),
+        spell(frames),
+        film.spp,
+        count(samples),
+        scene.settings.render.seed
+    ))?;
+    for &frame in frames {
+        print_result(&names.image(frame).display().to_string())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,175 @@
+//! Values that people type after flags, and what they mean.
+
+use crate::render::film::PixelBounds;
+use std::str::FromStr;
+
+/// A size of picture as typed: in pixels, or a share of the scene's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Resolution {
+    /// Width and height [pixels].
+    Pixels([u32; 2]),
+    /// Share of the scene's own width and height, above 0.
+    Share(f64),
+}
+
+impl FromStr for Resolution {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let help = || format!("`{text}` is not a resolution; write 640x360 or 50%");
+        if let Some(percent) = text.strip_suffix('%') {
+            let percent: f64 = percent.trim().parse().map_err(|_| help())?;
+            return if percent > 0.0 && percent <= 10_000.0 { Ok(Self::Share(percent / 100.0)) } else { Err(help()) };
+        }
+        let (width, height) = text.split_once(['x', 'X', '×']).ok_or_else(help)?;
+        let number = |side: &str| side.trim().parse::<u32>().ok().filter(|&n| n > 0).ok_or_else(help);
+        Ok(Self::Pixels([number(width)?, number(height)?]))
+    }
+}
+
+impl Resolution {
+    /// Width and height, where the scene has `scene` [pixels].
+    pub fn pixels(self, scene: [u32; 2]) -> [u32; 2] {
+        match self {
+            Self::Pixels(size) => size,
+            Self::Share(share) => scene.map(|n| ((f64::from(n) * share).round() as u32).max(1)),
+        }
+    }
+}
+
+/// A part of the picture as typed: x0, y0, x1, y1, each in pixels or as a share of the width or height.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crop([Edge; 4]);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Edge {
+    Pixels(u32),
+    Share(f64),
+}
+
+impl FromStr for Crop {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let help = || format!("`{text}` is not a crop; write x0,y0,x1,y1 as in 100,50,300,200 or 25%,25%,75%,75%");
+        let edge = |part: &str| match part.trim().strip_suffix('%') {
+            Some(percent) => match percent.parse::<f64>() {
+                Ok(percent) if (0.0..=100.0).contains(&percent) => Ok(Edge::Share(percent / 100.0)),
+                _ => Err(help()),
+            },
+            None => part.trim().parse().map(Edge::Pixels).map_err(|_| help()),
+        };
+        let edges: Vec<Edge> = text.split(',').map(edge).collect::<Result<_, _>>()?;
+        Ok(Self(edges.try_into().map_err(|_| help())?))
+    }
+}
+
+impl Crop {
+    /// The pixels of it in a picture of this size.
+    ///
+    /// # Errors
+    /// A sentence, when there are none or the crop reaches beyond the picture.
+    pub fn bounds(self, size: [u32; 2]) -> Result<PixelBounds, String> {
+        let edge = |i: usize| match self.0[i] {
+            Edge::Pixels(n) => n,
+            Edge::Share(share) => (f64::from(size[i % 2]) * share).round() as u32,
+        };
+        let bounds = PixelBounds { x0: edge(0), y0: edge(1), x1: edge(2), y1: edge(3) };
+        let [width, height] = size;
+        if bounds.x0 >= bounds.x1 || bounds.y0 >= bounds.y1 || bounds.x1 > width || bounds.y1 > height {
+            return Err(format!(
+                "the crop {},{},{},{} holds no pixels or reaches beyond the picture of {width} × {height}; \
+                 write x0,y0,x1,y1 with x0 < x1 ≤ {width} and y0 < y1 ≤ {height}",
+                bounds.x0, bounds.y0, bounds.x1, bounds.y1
+            ));
+        }
+        Ok(bounds)
+    }
+}
+
+/// An amount of memory as typed [GiB].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Memory(pub f64);
+
+impl FromStr for Memory {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let help = || format!("`{text}` is not an amount of memory; write 4, 4G or 512M (GiB where no letter stands)");
+        let upper = text.trim().to_ascii_uppercase();
+        let upper = upper.trim_end_matches('B').trim_end_matches('I');
+        let (number, scale) = match upper.strip_suffix(['M', 'G', 'T']) {
+            Some(number) if upper.ends_with('M') => (number, 1.0 / 1024.0),
+            Some(number) if upper.ends_with('T') => (number, 1024.0),
+            Some(number) => (number, 1.0),
+            None => (upper, 1.0),
+        };
+        let amount = number.trim().parse::<f64>().map_err(|_| help())? * scale;
+        if amount.is_finite() && amount > 0.0 { Ok(Self(amount)) } else { Err(help()) }
+    }
+}
+
+impl Memory {
+    /// The amount in bytes.
+    pub fn bytes(self) -> u64 {
+        (self.0 * f64::from(1 << 30)) as u64
+    }
+}
+
+/// A setting as typed: `camera.vertical_fov_deg=40`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Override(pub String, pub String);
+
+impl FromStr for Override {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once('=') {
+            Some((key, value)) if !key.trim().is_empty() => Ok(Self(key.trim().into(), value.trim().into())),
+            _ => Err(format!("`{text}` sets nothing; write key=value as in camera.vertical_fov_deg=40")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resolutions_in_pixels_and_percent() {
+        assert_eq!("640x360".parse(), Ok(Resolution::Pixels([640, 360])));
+        assert_eq!("50%".parse::<Resolution>().unwrap().pixels([641, 1]), [321, 1]);
+        for text in ["", "640", "0x10", "x", "-5%", "0%", "1e9%", "axb", "640x360x2"] {
+            assert!(text.parse::<Resolution>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn crops_in_pixels_and_percent() {
+        let bounds = |text: &str| text.parse::<Crop>().and_then(|crop| crop.bounds([100, 50]));
+        assert_eq!(bounds("10, 20,30,40"), Ok(PixelBounds { x0: 10, y0: 20, x1: 30, y1: 40 }));
+        assert_eq!(bounds("25%,0%,75%,100%"), Ok(PixelBounds { x0: 25, y0: 0, x1: 75, y1: 50 }));
+        for text in ["", "1,2,3", "1,2,3,4,5", "-1,0,10,10", "10,10,10,20", "0,0,101,50", "0,0,50,51", "0,0,200%,1%"] {
+            assert!(bounds(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn memory_with_and_without_letters() {
+        for (text, gib) in [("4", 4.0), ("4G", 4.0), ("4 GiB", 4.0), ("512m", 0.5), ("1TB", 1024.0), ("0.5", 0.5)] {
+            assert_eq!(text.parse(), Ok(Memory(gib)), "{text}");
+        }
+        for text in ["", "G", "-1", "0", "inf", "nan", "4X"] {
+            assert!(text.parse::<Memory>().is_err(), "{text}");
+        }
+        assert_eq!(Memory(0.5).bytes(), 1 << 29);
+    }
+
+    #[test]
+    fn overrides_split_at_the_first_equals_sign() {
+        assert_eq!("a.b = c=d".parse(), Ok(Override("a.b".into(), "c=d".into())));
+        for text in ["", "a.b", "=1"] {
+            assert!(text.parse::<Override>().is_err(), "{text}");
+        }
+    }
+}

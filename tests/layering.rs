@@ -1,0 +1,197 @@
+//! The rules between modules, read off the sources: data flows one way and imports point one way.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// From left to right; a module imports only from modules to its left.
+const ORDER: [&str; 12] = [
+    "math",
+    "progress",
+    "scene",
+    "geometry",
+    "flow",
+    "particles",
+    "grid",
+    "render",
+    "output",
+    "error",
+    "pipeline",
+    "cli",
+];
+
+/// Stages whose files take typed values; only their `mod.rs` may know what a scene says.
+const SCENE_BLIND: [&str; 6] = ["geometry", "flow", "particles", "grid", "render", "output"];
+
+/// The only place for foreign code.
+const UNSAFE: &str = "geometry/embree/";
+
+/// Names of drawers.
+const DRAWERS: [&str; 6] = ["util", "common", "core", "types", "helpers", "misc"];
+
+struct Source {
+    /// Relative to `src`, with forward slashes.
+    name: String,
+    stage: String,
+    /// Number from 1, text, and whether it belongs to the unit tests.
+    lines: Vec<(usize, String, bool)>,
+}
+
+fn sources() -> Vec<Source> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    collect(&root, &mut files);
+    files.sort();
+    assert!(files.len() > 20, "the sources were not found");
+    files.iter().map(|file| source(&root, file)).collect()
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+fn source(root: &Path, file: &Path) -> Source {
+    let name = file.strip_prefix(root).unwrap().to_string_lossy().replace('\\', "/");
+    let stage = name.split('/').next().unwrap().trim_end_matches(".rs").to_string();
+    // A module of tests stands at the foot of its file, or in a file of that name.
+    let mut in_tests = name.ends_with("/tests.rs");
+    let mut after_marker = false;
+    let mut lines = Vec::new();
+    for (i, line) in fs::read_to_string(file).unwrap().lines().enumerate() {
+        in_tests |= after_marker && line.contains("mod ") && line.ends_with('{');
+        after_marker = line == "#[cfg(test)]";
+        if !line.trim_start().starts_with("//") {
+            lines.push((i + 1, line.to_string(), in_tests));
+        }
+    }
+    Source { name, stage, lines }
+}
+
+/// Modules named after `crate::` in a line, and inside `crate::{…}`.
+fn crate_paths(line: &str) -> Vec<String> {
+    let word = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let mut found = Vec::new();
+    for (at, prefix) in line.match_indices("crate::") {
+        // `$crate::` and `mycrate::` are not ours.
+        let before = line[..at].chars().next_back();
+        if before.is_some_and(|c| c.is_alphanumeric() || c == '_') {
+            continue;
+        }
+        let rest = &line[at + prefix.len()..];
+        match rest.strip_prefix('{') {
+            Some(list) => found.extend(list.split(',').map(|part| word(part.trim())).filter(|w| !w.is_empty())),
+            None => found.push(word(rest)),
+        }
+    }
+    found
+}
+
+fn complain(problems: Vec<String>) {
+    assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
+}
+
+#[test]
+fn imports_point_left() {
+    let rank = |module: &str| ORDER.iter().position(|known| *known == module);
+    let mut problems = Vec::new();
+    for source in sources() {
+        let Some(own) = rank(&source.stage) else { continue };
+        for (number, line, _) in &source.lines {
+            for module in crate_paths(line) {
+                if rank(&module).is_some_and(|other| other > own) {
+                    problems
+                        .push(format!("src/{}:{number}: {} imports {module}, to its right", source.name, source.stage));
+                }
+            }
+        }
+    }
+    complain(problems);
+}
+
+#[test]
+fn every_module_has_its_place_in_the_order() {
+    let mut problems = Vec::new();
+    for source in sources() {
+        if !ORDER.contains(&source.stage.as_str()) && !["lib", "main"].contains(&source.stage.as_str()) {
+            problems.push(format!("src/{}: where does `{}` stand in the order?", source.name, source.stage));
+        }
+        let parts = source.name.trim_end_matches(".rs").split('/');
+        problems.extend(
+            parts
+                .filter(|part| DRAWERS.contains(part))
+                .map(|part| format!("src/{}: `{part}` is a drawer", source.name)),
+        );
+    }
+    complain(problems);
+}
+
+#[test]
+fn only_mod_files_know_the_scene() {
+    let mut problems = Vec::new();
+    for source in sources() {
+        if !SCENE_BLIND.contains(&source.stage.as_str()) || source.name == format!("{}/mod.rs", source.stage) {
+            continue;
+        }
+        for (number, line, _) in &source.lines {
+            if crate_paths(line).iter().any(|module| module == "scene") {
+                problems.push(format!("src/{}:{number}: only {}/mod.rs may know the scene", source.name, source.stage));
+            }
+        }
+    }
+    complain(problems);
+}
+
+#[test]
+fn siblings_are_imported_by_their_full_name() {
+    let mut problems = Vec::new();
+    for source in sources() {
+        for (number, line, in_tests) in &source.lines {
+            if line.contains("super::") && !in_tests {
+                problems.push(format!("src/{}:{number}: write crate::{}::… instead", source.name, source.stage));
+            }
+        }
+    }
+    complain(problems);
+}
+
+#[test]
+fn unsafe_code_stays_with_the_foreign_library() {
+    let mut problems = Vec::new();
+    for source in sources().iter().filter(|s| !s.name.starts_with(UNSAFE)) {
+        for (number, line, _) in &source.lines {
+            let words = line.split(|c: char| !c.is_alphanumeric() && c != '_');
+            if words.into_iter().any(|word| word == "unsafe" || word == "unsafe_code") && !line.contains("deny(") {
+                problems.push(format!("src/{}:{number}: unsafe outside {UNSAFE}", source.name));
+            }
+        }
+    }
+    complain(problems);
+}
+
+#[test]
+fn only_the_command_line_prints() {
+    const PRINTING: [&str; 7] = ["println!", "eprintln!", "print!", "eprint!", "dbg!", "stdout()", "stderr()"];
+    let mut problems = Vec::new();
+    for source in sources().iter().filter(|s| s.stage != "cli" && s.stage != "main") {
+        for (number, line, in_tests) in &source.lines {
+            if let Some(what) = PRINTING.iter().find(|p| line.contains(*p)).filter(|_| !in_tests) {
+                problems.push(format!("src/{}:{number}: {what} outside cli/ and main.rs", source.name));
+            }
+        }
+    }
+    complain(problems);
+}
+
+#[test]
+fn the_reader_of_imports_sees_all_spellings() {
+    assert_eq!(crate_paths("use crate::math::hash::Seed;"), ["math"]);
+    assert_eq!(crate_paths("use crate::{math::hash, scene};"), ["math", "scene"]);
+    assert_eq!(crate_paths("    let x: crate::grid::Grid = crate::flow::f();"), ["grid", "flow"]);
+    assert!(crate_paths("use othercrate::math;").is_empty());
+}
