@@ -1,8 +1,10 @@
 //! The program as people run it: exit codes, messages and files, each test in a fresh folder.
 
 use assert_cmd::Command;
+use curlsmoke::math::hash::Seed;
 use curlsmoke::output::exr::{self, Compression};
 use curlsmoke::output::image::{Image, SampleKind};
+use curlsmoke::output::sidecar::{Sidecar, is_complete};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
@@ -322,6 +324,59 @@ fn a_signal_stops_the_work_with_its_own_code_and_leaves_no_part_of_a_frame() {
         assert!(last.iter().any(|line| line.contains(r#""event":"failed""#)), "{last:?}");
         assert!(folder.files("out").is_empty(), "{:?}", folder.files("out"));
     }
+}
+
+/// Kills renders of a sequence at `count` moments and looks at what is left, then lets one finish what they began.
+fn kill_at_random(count: u64) {
+    let folder = Folder::new();
+    folder.write("ball.yaml", &BALL.replace("[24, 16], spp: 4", "[320, 180], spp: 2").replace("last: 3", "last: 8"));
+    folder.expect(0, &["render", "ball.yaml"]);
+    fs::rename(folder.path("out"), folder.path("whole")).unwrap();
+    let mut unfinished = 0;
+    for i in 0..count {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
+            .current_dir(folder.0.path())
+            .args(["render", "ball.yaml", "--resume"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_micros(Seed(4).word(i) % 300_000));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        for name in folder.files("out").iter().filter(|name| !name.starts_with('.')) {
+            let [here, whole] = ["out", "whole"].map(|f| folder.path(&format!("{f}/{name}")));
+            if name.ends_with(".json") {
+                let print = Sidecar::read(&here).unwrap().fingerprint;
+                assert!(is_complete(&here, &print), "kill {i}: {name} stands for a frame that is not whole");
+            } else {
+                assert!(fs::read(here).unwrap() == fs::read(whole).unwrap(), "kill {i}: {name} is not whole");
+            }
+        }
+        unfinished += usize::from(folder.files("out").len() < 24);
+        if i % 8 == 7 {
+            // Begin anew, so that later kills find work to interrupt.
+            let _ = fs::remove_dir_all(folder.path("out"));
+        }
+    }
+    assert!(unfinished > 0, "every run was finished before it was killed");
+    folder.expect(0, &["render", "ball.yaml", "--resume"]);
+    assert_eq!(folder.files("out"), folder.files("whole"), "temporary files are left");
+    for name in folder.files("whole").iter().filter(|name| !name.ends_with(".json")) {
+        let [here, whole] = ["out", "whole"].map(|f| fs::read(folder.path(&format!("{f}/{name}"))).unwrap());
+        assert!(here == whole, "{name} differs after resuming");
+    }
+}
+
+#[test]
+fn a_killed_sequence_has_only_whole_frames_and_resumes_to_the_same_bytes() {
+    kill_at_random(6);
+}
+
+#[test]
+#[ignore = "takes a minute; run with --ignored"]
+fn fifty_kills_leave_only_whole_frames() {
+    kill_at_random(50);
 }
 
 #[test]
