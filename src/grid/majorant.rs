@@ -1,19 +1,18 @@
 //! Upper bounds of the density on a coarse lattice, and the walk of a ray through them.
 //!
-//! The walk is that of Amanatides and Woo 1987, *A Fast Voxel Traversal Algorithm for Ray Tracing*, on two levels: cells of
-//! [`CELL_EDGE`] voxels, and blocks of [`BLOCK_EDGE`] cells whose emptiness lets the walk jump. It knows nothing of
-//! random numbers: trackers take the segments and decide what happens on them.
+//! The walk is that of Amanatides and Woo 1987, *A Fast Voxel Traversal Algorithm for Ray Tracing*, on all three axes at
+//! once; an empty cell tells how far the nearest occupied one is at least, and the walk jumps that far (Cohen and Sheffer
+//! 1994, *Proximity Clouds*). It knows nothing of random numbers: trackers take the segments and decide what happens on
+//! them.
 
 use crate::grid::{BRICK_EDGE, DensityGrid, box_points, stored_offset};
 use crate::math::lattice::Lattice;
 use crate::math::space::{UnitVec3, WorldPoint};
-use glam::{IVec3, UVec3, Vec3};
+use glam::{UVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
 /// Voxels along the edge of a cell of the majorant: smaller cells bound more tightly, larger ones take fewer steps.
 pub const CELL_EDGE: usize = 4;
-/// Cells along the edge of a block that is jumped over when it is empty.
-pub const BLOCK_EDGE: usize = 4;
 
 const CELLS_PER_BRICK: usize = BRICK_EDGE / CELL_EDGE;
 /// A point computed from origin, direction and `t` can lie outside its segment's cell by rounding; bounds hold this far
@@ -21,12 +20,14 @@ const CELLS_PER_BRICK: usize = BRICK_EDGE / CELL_EDGE;
 const SLACK: f32 = 1.0 / 1024.0;
 /// Direction components smaller than this never leave a cell within any representable scene.
 const PARALLEL: f32 = 1e-20;
+/// Longest jump over empty cells; finding longer ones costs more than they save.
+const MAX_JUMP: usize = 8;
 
 /// Upper bounds of a grid's interpolated density.
 #[derive(Debug, Clone)]
 pub struct MajorantGrid {
+    /// Of an occupied cell the bound, > 0. Of an empty one −n: no cell nearer than n cells along every axis is occupied.
     cells: Lattice<f32>,
-    is_block_occupied: Lattice<bool>,
     /// World position of index (0, 0, 0) [m].
     index_origin: Vec3,
     inverse_cell_size: f32,
@@ -59,8 +60,8 @@ impl MajorantGrid {
             }
         }
         let max_density = cells.values().iter().copied().fold(0.0, f32::max);
+        mark_distances(&mut cells);
         Self {
-            is_block_occupied: occupied_blocks(&cells),
             cells,
             index_origin: grid.corner + 0.5 * grid.voxel_size,
             inverse_cell_size: grid.inverse_voxel_size / CELL_EDGE as f32,
@@ -75,7 +76,7 @@ impl MajorantGrid {
 
     /// Memory that the bounds hold [bytes].
     pub fn memory_bytes(&self) -> u64 {
-        (size_of_val(self.cells.values()) + size_of_val(self.is_block_occupied.values())) as u64
+        size_of_val(self.cells.values()) as u64
     }
 }
 
@@ -102,40 +103,62 @@ fn cell_maxima(grid: &DensityGrid, dims: UVec3) -> Lattice<f32> {
 }
 
 /// Maximum over each cell and its 26 neighbours, one axis at a time.
-fn neighbour_maxima(cells: &Lattice<f32>) -> Lattice<f32> {
-    let mut result = cells.clone();
-    for axis in [IVec3::X, IVec3::Y, IVec3::Z] {
-        let before = result.clone();
-        for p in box_points(cells.dims()) {
-            let at = |q| before.get(q).unwrap_or(0.0);
-            let p_signed = p.as_ivec3();
-            result.set(p, at(p_signed).max(at(p_signed - axis)).max(at(p_signed + axis)));
-        }
+fn neighbour_maxima<T: Copy + PartialOrd + Default + Send + Sync>(cells: &Lattice<T>) -> Lattice<T> {
+    let dims = cells.dims();
+    let mut from = cells.clone();
+    for axis in [UVec3::X, UVec3::Y, UVec3::Z] {
+        let stride = from.offset(axis);
+        let along = dims.as_vec3().dot(axis.as_vec3()) as usize;
+        let old = from.values();
+        let larger = |a: T, b: T| if b > a { b } else { a };
+        let values = (0..old.len())
+            .into_par_iter()
+            .map(|i| {
+                let at = i / stride % along;
+                let before = if at > 0 { old[i - stride] } else { T::default() };
+                let behind = if at + 1 < along { old[i + stride] } else { T::default() };
+                larger(larger(old[i], before), behind)
+            })
+            .collect();
+        from = Lattice::from_values(dims, values);
     }
-    result
+    from
 }
 
-fn occupied_blocks(cells: &Lattice<f32>) -> Lattice<bool> {
-    let mut blocks = Lattice::filled((cells.dims() + (BLOCK_EDGE as u32 - 1)) / BLOCK_EDGE as u32, false);
-    for p in box_points(cells.dims()).filter(|&p| cells.at(p) > 0.0) {
-        blocks.set(p / BLOCK_EDGE as u32, true);
+/// Writes into every empty cell how far occupied ones are at least.
+fn mark_distances(cells: &mut Lattice<f32>) {
+    let mut reached = Lattice::from_values(cells.dims(), cells.values().iter().map(|&c| c > 0.0).collect());
+    for distance in 1..=MAX_JUMP {
+        let wider = if distance < MAX_JUMP { neighbour_maxima(&reached) } else { Lattice::filled(cells.dims(), true) };
+        for ((cell, was), is) in cells.values_mut().iter_mut().zip(reached.values()).zip(wider.values()) {
+            if *is && !*was {
+                *cell = -(distance as f32);
+            }
+        }
+        reached = wider;
     }
-    blocks
 }
 
 /// The segments of a ray on which there may be density, in increasing `t`. Between segments, before the first and after
 /// the last there is none.
+///
+/// Positions are in cells. Along axes that the ray is parallel to, `step` is 0 and the exit infinite.
 #[derive(Debug, Clone)]
 pub struct MajorantIterator<'a> {
-    grid: &'a MajorantGrid,
-    /// Start of the ray and its change per metre, in cells.
-    origin: [f32; 3],
-    direction: [f32; 3],
-    /// 1 / direction; 0 along axes the ray is parallel to.
-    inverse: [f32; 3],
-    cell: [i32; 3],
-    /// `t` at which the ray leaves the current cell along each axis.
-    exit: [f32; 3],
+    cells: &'a [f32],
+    origin: Vec3A,
+    direction: Vec3A,
+    inverse: Vec3A,
+    /// Which way the ray steps along each axis: −1, 0 or 1.
+    step: Vec3A,
+    /// The ray leaves cell c along an axis at `t = (c + exit)·inverse`.
+    exit: Vec3A,
+    /// Corner of the current cell.
+    cell: Vec3A,
+    dims: Vec3A,
+    /// Place of the current cell in `cells`, and its change for a step along each set of axes.
+    offset: usize,
+    offset_steps: [isize; 8],
     t: f32,
     t_max: f32,
 }
@@ -144,111 +167,88 @@ impl<'a> MajorantIterator<'a> {
     /// The walk along `origin + t·direction` for `t_min ≤ t ≤ t_max`, in metres; `t_max` may be infinite.
     #[inline]
     pub fn new(grid: &'a MajorantGrid, origin: WorldPoint, direction: UnitVec3, t_min: f32, t_max: f32) -> Self {
-        let o = (origin.0 - grid.index_origin) * grid.inverse_cell_size;
-        let d = direction.as_vec3() * grid.inverse_cell_size;
-        let dims = grid.cells.dims();
+        let origin = Vec3A::from((origin.0 - grid.index_origin) * grid.inverse_cell_size);
+        let direction = Vec3A::from(direction.as_vec3() * grid.inverse_cell_size);
+        let dims = grid.cells.dims().as_vec3a();
+        let is_parallel = direction.abs().cmple(Vec3A::splat(PARALLEL));
+        let inverse = Vec3A::select(is_parallel, Vec3A::INFINITY, direction.recip());
+        let step = Vec3A::select(is_parallel, Vec3A::ZERO, direction.signum());
+        let exit = Vec3A::select(is_parallel, Vec3A::ONE, step.max(Vec3A::ZERO) - origin);
+        // Where the ray is within the slabs of the lattice; an axis it is parallel to only says yes or no.
+        let (a, b) = (-origin * inverse, (dims - origin) * inverse);
+        let enter = Vec3A::select(is_parallel, Vec3A::NEG_INFINITY, a.min(b)).max_element();
+        let leave = Vec3A::select(is_parallel, Vec3A::INFINITY, a.max(b)).min_element();
+        let is_between = (!is_parallel | (origin.cmpge(Vec3A::ZERO) & origin.cmplt(dims))).all();
+        let stride = [1, dims.x as isize, dims.x as isize * dims.y as isize];
+        let along = |axis: usize| step[axis] as isize * stride[axis];
         let mut walk = Self {
-            grid,
-            origin: o.to_array(),
-            direction: d.to_array(),
-            inverse: d.to_array().map(|x| if x.abs() > PARALLEL { 1.0 / x } else { 0.0 }),
-            cell: [0; 3],
-            exit: [f32::INFINITY; 3],
-            t: t_min,
-            t_max,
+            cells: grid.cells.values(),
+            origin,
+            direction,
+            inverse,
+            step,
+            exit,
+            cell: Vec3A::ZERO,
+            dims,
+            offset: 0,
+            offset_steps: std::array::from_fn(|axes| (0..3).filter(|a| axes >> a & 1 != 0).map(along).sum()),
+            t: t_min.max(enter),
+            t_max: t_max.min(leave),
         };
-        for axis in 0..3 {
-            let (start, end) = (walk.origin[axis], dims[axis] as f32);
-            if walk.inverse[axis] == 0.0 {
-                if !(start >= 0.0 && start < end) {
-                    walk.t_max = f32::NEG_INFINITY;
-                }
-                continue;
-            }
-            let (a, b) = (-start * walk.inverse[axis], (end - start) * walk.inverse[axis]);
-            walk.t = walk.t.max(a.min(b));
-            walk.t_max = walk.t_max.min(a.max(b));
-        }
-        // Both false where anything was not a number.
-        if t_min < t_max && o.is_finite() && walk.t < walk.t_max {
-            walk.enter([0; 3], dims.as_ivec3().to_array().map(|n| n - 1));
+        // False where anything was not a number.
+        let is_sound = t_min < t_max && origin.is_finite() && direction.is_finite();
+        if is_sound && is_between && walk.t < walk.t_max {
+            let cell = (walk.origin + walk.direction * walk.t).floor();
+            walk.go_to(cell.clamp(Vec3A::ZERO, dims - 1.0));
         } else {
             walk.t_max = f32::NEG_INFINITY;
         }
         walk
     }
 
-    /// Finds the cell at the current `t` within the box of cells `low ..= high`, and when it is left.
     #[inline]
-    fn enter(&mut self, low: [i32; 3], high: [i32; 3]) {
-        for axis in 0..3 {
-            let at = self.origin[axis] + self.direction[axis] * self.t;
-            // The cast truncates towards zero, which the lower bound of 0 makes good.
-            self.cell[axis] = (at as i32).clamp(low[axis], high[axis]);
-            self.exit[axis] = self.exit_of(axis, self.cell[axis]);
+    fn go_to(&mut self, cell: Vec3A) {
+        self.cell = cell;
+        let c = cell.as_uvec3();
+        self.offset = (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize + c.x as usize;
+    }
+
+    /// Ends the walk outside the lattice.
+    #[inline]
+    fn check_inside(&mut self) {
+        if !(self.cell.cmpge(Vec3A::ZERO) & self.cell.cmplt(self.dims)).all() {
+            self.t_max = f32::NEG_INFINITY;
         }
     }
 
-    /// `t` at which the ray leaves cell `cell` along `axis`. Computed anew from the cell each time, so that errors do
-    /// not add up along the walk.
-    #[inline]
-    fn exit_of(&self, axis: usize, cell: i32) -> f32 {
-        let inverse = self.inverse[axis];
-        if inverse == 0.0 {
-            return f32::INFINITY;
-        }
-        let boundary = cell + i32::from(inverse > 0.0);
-        (boundary as f32 - self.origin[axis]) * inverse
-    }
-
-    #[inline]
-    fn first_exit(&self) -> usize {
-        let e = &self.exit;
-        let xy = usize::from(e[1] < e[0]);
-        if e[2] < e[xy] { 2 } else { xy }
-    }
-
-    /// Moves over the face at which the ray leaves the cell first; ends the walk outside.
+    /// Moves over the face at which the ray leaves the cell, or over several where it leaves through an edge. The exit is
+    /// computed anew from the cell each time, so that errors do not add up along the walk.
     #[inline]
     fn step(&mut self) {
-        let axis = self.first_exit();
-        self.t = self.t.max(self.exit[axis]);
-        self.cell[axis] += if self.inverse[axis] > 0.0 { 1 } else { -1 };
-        if self.cell[axis] as u32 >= self.grid.cells.dims()[axis] {
-            self.t_max = f32::NEG_INFINITY;
-        }
-        self.exit[axis] = self.exit_of(axis, self.cell[axis]);
+        let exits = (self.cell + self.exit) * self.inverse;
+        let t = exits.min_element();
+        let crossed = exits.cmple(Vec3A::splat(t));
+        self.t = self.t.max(t);
+        self.cell += Vec3A::select(crossed, self.step, Vec3A::ZERO);
+        self.offset = self.offset.wrapping_add_signed(self.offset_steps[crossed.bitmask() as usize & 7]);
+        self.check_inside();
     }
 
-    /// Moves to where the ray leaves the empty block that the current cell is in.
+    /// Moves to where the ray leaves the cube of empty cells nearer than `distance`.
     #[inline]
-    fn jump(&mut self) {
-        const EDGE: i32 = BLOCK_EDGE as i32;
-        let dims = self.grid.cells.dims();
-        let (mut low, mut high) = (self.cell, self.cell);
-        for axis in 0..3 {
-            // The cells of the block still ahead; the walk never turns back, so it ends whatever rounding does.
-            let first = self.cell[axis] & !(EDGE - 1);
-            if self.inverse[axis] > 0.0 {
-                high[axis] = (first + EDGE).min(dims[axis] as i32) - 1;
-                self.exit[axis] = self.exit_of(axis, high[axis]);
-            } else if self.inverse[axis] < 0.0 {
-                low[axis] = first;
-                self.exit[axis] = self.exit_of(axis, first);
-            }
+    fn jump(&mut self, distance: f32) {
+        let last = self.cell + self.step * (distance - 1.0);
+        let exits = (last + self.exit) * self.inverse;
+        let t = exits.min_element();
+        let crossed = exits.cmple(Vec3A::splat(t));
+        self.t = self.t.max(t);
+        // The walk never turns back, so it ends whatever rounding does.
+        let reached = (self.origin + self.direction * self.t).floor().clamp(self.cell.min(last), self.cell.max(last));
+        self.cell = Vec3A::select(crossed, last + self.step, reached);
+        self.check_inside();
+        if self.t_max > f32::NEG_INFINITY {
+            self.go_to(self.cell);
         }
-        let axis = self.first_exit();
-        let last = if self.inverse[axis] > 0.0 { high[axis] } else { low[axis] };
-        (low[axis], high[axis]) = (last, last);
-        self.t = self.t.max(self.exit[axis]);
-        self.enter(low, high);
-        // Rounding may have put another axis' exit before; leave over the face that the jump was made to.
-        self.exit[axis] = self.t;
-        self.cell[axis] += if self.inverse[axis] > 0.0 { 1 } else { -1 };
-        if self.cell[axis] as u32 >= dims[axis] {
-            self.t_max = f32::NEG_INFINITY;
-        }
-        self.exit[axis] = self.exit_of(axis, self.cell[axis]);
     }
 }
 
@@ -258,20 +258,18 @@ impl Iterator for MajorantIterator<'_> {
     #[inline]
     fn next(&mut self) -> Option<Segment> {
         while self.t < self.t_max {
-            let cell = UVec3::from_array(self.cell.map(|c| c as u32));
-            let density_max = self.grid.cells.at(cell);
-            if density_max > 0.0 {
-                let t0 = self.t;
-                let t_max = self.t_max;
+            let &bound = self.cells.get(self.offset)?;
+            if bound > 0.0 {
+                let (t0, t_max) = (self.t, self.t_max);
                 self.step();
                 let t1 = self.t.min(t_max);
                 if t0 < t1 {
-                    return Some(Segment { t0, t1, density_max });
+                    return Some(Segment { t0, t1, density_max: bound });
                 }
-            } else if self.grid.is_block_occupied.at(cell / BLOCK_EDGE as u32) {
+            } else if bound >= -1.0 {
                 self.step();
             } else {
-                self.jump();
+                self.jump(-bound);
             }
         }
         None
