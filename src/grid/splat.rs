@@ -136,7 +136,16 @@ impl Kernel {
 
 /// First and last voxel whose centre is within `radius` of `center` along each axis.
 fn reach(center: DVec3, radius: f64) -> (IVec3, IVec3) {
-    ((center - radius).ceil().as_ivec3(), (center + radius).floor().as_ivec3())
+    let (low, high) = (center - radius, center + radius);
+    (low.to_array().map(|x| -floor(-x)).into(), high.to_array().map(floor).into())
+}
+
+/// The floor of a number in the range of `i32`; the baseline processor has no instruction for it, and the library call
+/// would cost more than the kernel.
+#[inline]
+fn floor(x: f64) -> i32 {
+    let truncated = x as i32;
+    truncated - i32::from(f64::from(truncated) > x)
 }
 
 struct Splatter<'a> {
