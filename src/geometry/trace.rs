@@ -113,7 +113,7 @@ impl Bend {
         let Primitive::Torus(Torus { major_radius, minor_radius, .. }) = primitive else { return Self::Convex };
         // The Hessian's eigenvalues are 1/d and (ρ − R)/(ρ d), d from the circle, ρ from the axis. Inside, d ≥ r/2 on the
         // way; outside, ρ ≥ (R − r)/2.
-        let (r, gap) = (minor_radius * scale, (major_radius - minor_radius) * scale);
+        let (r, gap) = (minor_radius * scale, (major_radius - minor_radius).max(0.0) * scale);
         if is_inside {
             Self::Within { most: 2.0 / r, reach: 0.25 * r }
         } else {
