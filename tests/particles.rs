@@ -123,8 +123,8 @@ fn mass_velocity_age_and_radius_belong_to_the_frame() {
     for i in (0..particles.len()).step_by(17) {
         let p = [0, 1, 2].map(|a| f64::from(particles.position[a][i]));
         let v = system.field().velocity(p, time);
-        for axis in 0..3 {
-            assert!((v[axis] - f64::from(particles.velocity[axis][i])).abs() < 2e-3);
+        for (exact, single) in v.iter().zip(&particles.velocity) {
+            assert!((exact - f64::from(single[i])).abs() < 2e-3);
         }
         let age = particles.age[i];
         assert!((0.0..2.0).contains(&age) && (0.0..=1.0).contains(&particles.mass[i]));

@@ -10,6 +10,9 @@ use crate::math::real::{Lane, Real, cross, dot, triple};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
+/// Particles are pushed this share of an obstacle's size beyond its wall.
+const PUSH: f64 = 1e-4;
+
 /// A potential with one influence radius.
 #[derive(Debug, Clone)]
 pub enum Source {
@@ -43,6 +46,7 @@ pub struct FieldSpan<'a> {
 }
 
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "a dozen of them, made once a step")]
 enum SourceSpan {
     Uniform { velocity: [f64; 3], walls: Vec<UniformWall> },
     Octave { span: OctaveSpan, walls: Vec<OctaveWall> },
@@ -149,13 +153,14 @@ impl VelocityField {
         }
         let mut q = p.map(f64::from);
         for attempt in 0..32 {
-            for solid in self.obstacles.iter().flat_map(Obstacle::solids) {
+            for (obstacle, solid) in self.obstacles.iter().flat_map(|o| o.solids().iter().map(move |s| (o, s))) {
                 let jet = jet_f64(solid, DVec3::from_array(q));
-                if jet.value < 0.0 || attempt > 0 && jet.value < 1e-9 {
+                if jet.value < 0.0 {
                     let g = DVec3::from_array(jet.gradient);
-                    // Farther at each attempt: rounding to single precision may lead back in.
-                    let margin =
-                        1e-6 * f64::from(1u32 << attempt.min(16)) * q.iter().fold(0.01, |m: f64, x| m.max(x.abs()));
+                    // Far enough that the next steps' errors do not lead back in at once; farther at each attempt,
+                    // for two walls may push against each other, and rounding to single precision may lead back.
+                    let coordinate = q.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+                    let margin = f64::from(1u32 << attempt.min(16)) * (PUSH * obstacle.size() + 1e-7 * coordinate);
                     let direction = if g.length_squared() > 1e-12 { g / g.length_squared() } else { DVec3::Y };
                     q = (DVec3::from_array(q) + direction * (margin - jet.value)).to_array();
                 }

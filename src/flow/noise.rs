@@ -36,6 +36,7 @@ fn hash<W: Word>(sum: W, seed: u32) -> W {
 
 /// Noise of unit lattice at `p`, where lattice coordinates are counted from `cell`; gradients turned by `spin`.
 #[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
 pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, spin: Spin<L>) -> Psi<L> {
     let one = p[0].lit(1.0);
     let base = triple!(a => p[a].floor());

@@ -105,10 +105,8 @@ mod tests {
         let modulated = |p| uniform([1.0, 2.0, 3.0], [0.0; 3], p).modulated(&field(p));
         let p = [0.3, -0.7, 1.1];
         let difference = central_jacobian(|q| modulated(q).value, p, 1e-5);
-        for c in 0..3 {
-            for i in 0..3 {
-                assert!((modulated(p).jacobian[c][i] - difference[c][i]).abs() < 1e-9);
-            }
+        for (a, b) in modulated(p).jacobian.iter().flatten().zip(difference.iter().flatten()) {
+            assert!((a - b).abs() < 1e-9);
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::geometry::mesh_sdf::MeshSdf;
 use crate::geometry::primitive::Primitive;
 use crate::math::aabb::Aabb;
 use crate::math::jet::Jet;
-use crate::math::real::{Lane, Real};
+use crate::math::real::{Lane, Real, dot, triple};
 use crate::math::space::{Similarity, WorldPoint};
 use glam::{DMat3, Vec3};
 use std::sync::Arc;
@@ -110,21 +110,27 @@ impl PlacedSdf {
         let local = self.sdf.jet(self.to_local(p));
         let scale = p[0].lit(f64::from(self.placement.scale));
         let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
-        let (value, g, h) = (local.value * scale, local.gradient, local.hessian.map(|x| x * inverse));
+        let (value, g) = (local.value * scale, local.gradient);
+        let [xx, yy, zz, xy, xz, yz] = local.hessian;
+        let h = [xx * inverse, yy * inverse, zz * inverse, xy * inverse, xz * inverse, yz * inverse];
         if !self.is_turned {
             return Jet { value, gradient: g, hessian: h };
         }
-        let rows: [[L; 3]; 3] = std::array::from_fn(|i| self.rotation.row(i).to_array().map(|x| p[0].lit(x)));
-        let along = |row: [L; 3], v: [L; 3]| row[0] * v[0] + row[1] * v[1] + row[2] * v[2];
+        let rows: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation.col(j)[i])));
         // R H Rᵀ, row by row.
-        let half = rows.map(|row| {
-            [along(row, [h[0], h[3], h[4]]), along(row, [h[3], h[1], h[5]]), along(row, [h[4], h[5], h[2]])]
-        });
-        let second = |i: usize, j: usize| along(half[i], rows[j]);
+        let second = [[h[0], h[3], h[4]], [h[3], h[1], h[5]], [h[4], h[5], h[2]]];
+        let half: [[L; 3]; 3] = triple!(i => triple!(j => dot(rows[i], second[j])));
         Jet {
             value,
-            gradient: rows.map(|row| along(row, g)),
-            hessian: [second(0, 0), second(1, 1), second(2, 2), second(0, 1), second(0, 2), second(1, 2)],
+            gradient: triple!(i => dot(rows[i], g)),
+            hessian: [
+                dot(half[0], rows[0]),
+                dot(half[1], rows[1]),
+                dot(half[2], rows[2]),
+                dot(half[0], rows[1]),
+                dot(half[0], rows[2]),
+                dot(half[1], rows[2]),
+            ],
         }
     }
 
@@ -133,13 +139,13 @@ impl PlacedSdf {
     pub fn to_local<R: Real>(&self, p: [R; 3]) -> [R; 3] {
         let t = self.placement.translation.as_dvec3().to_array();
         let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
-        let v: [R; 3] = std::array::from_fn(|i| (p[i] - p[i].lit(t[i])) * inverse);
+        let v: [R; 3] = triple!(i => (p[i] - p[i].lit(t[i])) * inverse);
         if !self.is_turned {
             return v;
         }
-        std::array::from_fn(|i| {
-            let axis = self.rotation.col(i).to_array().map(|x| p[0].lit(x));
-            v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2]
+        triple!(i => {
+            let axis = self.rotation.col(i);
+            dot(v, triple!(j => v[j].lit(axis[j])))
         })
     }
 }

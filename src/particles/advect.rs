@@ -131,6 +131,7 @@ impl Kernel for Evaluate<'_, '_> {
     type Output = ();
 
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn run<S: Simd>(self, simd: S) {
         for start in (0..self.position[0].len()).step_by(Lanes::<S>::WIDTH) {
             let p = triple!(axis => Lanes::load(simd, &self.position[axis][start..]));

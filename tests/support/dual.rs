@@ -51,6 +51,7 @@ impl Neg for Dual {
     }
 }
 
+#[allow(clippy::suspicious_arithmetic_impl, reason = "the product rule")]
 impl Mul for Dual {
     type Output = Self;
     fn mul(self, o: Self) -> Self {
@@ -61,6 +62,7 @@ impl Mul for Dual {
     }
 }
 
+#[allow(clippy::suspicious_arithmetic_impl, reason = "the quotient rule")]
 impl Div for Dual {
     type Output = Self;
     fn div(self, o: Self) -> Self {
