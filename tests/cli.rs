@@ -310,7 +310,7 @@ fn a_signal_stops_the_work_with_its_own_code_and_leaves_no_part_of_a_frame() {
     for (signal, code) in [("TERM", 143), ("INT", 130)] {
         let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
             .current_dir(folder.0.path())
-            .args(["render", "ball.yaml", "--spp", "10000000", "--progress", "json"])
+            .args(["render", "ball.yaml", "--spp", "200000", "--progress", "json"])
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
