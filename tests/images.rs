@@ -1,0 +1,175 @@
+//! Small scenes against references: means with variances, compared as two measurements of the same light.
+//!
+//! `make refs REASON="…"` remakes the references; a picture that fails is kept in `tests/failed/` with a map of where.
+
+mod support;
+
+use curlsmoke::geometry::Geometry;
+use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
+use curlsmoke::math::hash::Seed;
+use curlsmoke::output::agreement::StatisticalSettings;
+use curlsmoke::output::compare::{Mode, Report, compare};
+use curlsmoke::output::exr::{Compression, write};
+use curlsmoke::output::film_image::{Layers, Origin, image_of_film};
+use curlsmoke::output::image::{Attribute, Image, SampleKind};
+use curlsmoke::output::{file::write_atomic, heat_map, read_image};
+use curlsmoke::particles::ParticleSystem;
+use curlsmoke::progress::Silent;
+use curlsmoke::render::{self, tiles};
+use curlsmoke::scene::Scene;
+use std::path::{Path, PathBuf};
+
+/// Paths a pixel of a reference.
+const REFERENCE_SPP: u32 = 2048;
+/// The seed of references; tests use others, so that two independent measurements are compared.
+const REFERENCE_SEED: u64 = 1_000_003;
+const LIMIT: u64 = 1 << 30;
+
+/// Renders frame 1 of a test scene with its variance. The particles keep the scene's seed, the light takes `seed`.
+fn picture(name: &str, spp: Option<u32>, seed: u64, overrides: &[(&str, &str)]) -> Image {
+    let path = root().join(format!("scenes/tests/{name}.yaml"));
+    let overrides: Vec<(String, String)> = overrides.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    let scene = Scene::load_with(&path, &overrides).unwrap_or_else(|e| panic!("{e}"));
+    let geometry = Geometry::build(&scene, &Silent).expect("geometry");
+    let world = render::build_world(&scene, &geometry, &|_| Err("no pictures here".into())).expect("world");
+    let medium = scene.settings.smoke.as_ref().and_then(|smoke| {
+        let mut system = ParticleSystem::build(&scene, &geometry).expect("particles");
+        let particles = system.at_frame(1, &Silent).expect("frame 1");
+        let input = SplatInput {
+            position: particles.position.each_ref().map(Vec::as_slice),
+            velocity: particles.velocity.each_ref().map(Vec::as_slice),
+            mass: &particles.mass,
+            radius: &particles.radius,
+        };
+        let frames = &scene.settings.frames;
+        let settings = SplatSettings {
+            voxel_size: smoke.grid.as_ref().expect("a grid").voxel_size as f32,
+            shutter_seconds: frames.shutter.map(|s| s / frames.fps),
+            memory_limit_bytes: LIMIT,
+        };
+        render::build_medium(&scene, splat(&input, &settings).expect("grid"))
+    });
+    let mut view = render::build_view(&scene, 1, None);
+    view.seed = Seed(seed);
+    view.spp = spp.unwrap_or(view.spp);
+    let film = tiles::render(&view, &world, medium.as_ref(), &Silent).expect("renders");
+    let origin = Origin { scene_hash: String::new(), seed, frame: 1, fps: 24.0, shutter: [0.0; 2] };
+    image_of_film(&film, Layers { variance: true, ..Layers::default() }, SampleKind::Float, &origin)
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()
+}
+
+fn reference_files(name: &str) -> [PathBuf; 2] {
+    ["mean", "var"].map(|kind| root().join(format!("refs/{name}.{kind}.exr")))
+}
+
+/// The reference as one picture with a `variance` layer.
+fn reference(name: &str) -> Image {
+    let [mean, variance] = reference_files(name)
+        .map(|path| read_image(&path, LIMIT).unwrap_or_else(|e| panic!("{e}; `make refs REASON=\"…\"` makes it")));
+    let mut image = mean;
+    image.push_rgb("variance", SampleKind::Float, &variance.to_rgb("").expect("R, G and B"));
+    image
+}
+
+fn verdict(image: &Image, reference: &Image) -> Report {
+    compare(image, reference, None, Mode::Statistical(StatisticalSettings::default())).expect("comparable")
+}
+
+fn remake(name: &str, reason: &str) {
+    let image = picture(name, Some(REFERENCE_SPP), REFERENCE_SEED, &[]);
+    let [mean_file, variance_file] = reference_files(name);
+    for (layer, path) in [("", mean_file), ("variance", variance_file)] {
+        let mut part = Image::new(image.size);
+        part.push_rgb("", SampleKind::Float, &image.to_rgb(layer).expect("rendered"));
+        part.set_attribute("curlsmoke/spp", Attribute::Int(REFERENCE_SPP as i32));
+        part.set_attribute("curlsmoke/reason", Attribute::Text(reason.into()));
+        write_atomic(&path, &write(&part, Compression::Zip).expect("encodes")).expect("writable");
+    }
+}
+
+/// Compares a scene with its reference, or makes the reference when `CURLSMOKE_REMAKE_REFS` holds a reason.
+fn check(name: &str) {
+    if let Ok(reason) = std::env::var("CURLSMOKE_REMAKE_REFS") {
+        assert!(reason.trim().len() > 9, "a reference is remade for a reason that can be read later");
+        remake(name, &reason);
+        return;
+    }
+    let image = picture(name, None, 17, &[]);
+    let report = verdict(&image, &reference(name));
+    if !report.passed() {
+        let failed = root().join("tests/failed");
+        let file = failed.join(format!("{name}.exr"));
+        write_atomic(&file, &write(&image, Compression::Zip).expect("encodes")).expect("writable");
+        heat_map::write(&failed.join(format!("{name}.heat.png")), &report).expect("writable");
+        panic!(
+            "{name} differs from its reference:\n{report}\nThe picture and a map of the differences are in {}.\n\
+             If the change is meant: make refs REASON=\"why\"",
+            failed.display()
+        );
+    }
+}
+
+macro_rules! scenes {
+    ($($name:ident),*) => { $(
+        #[test]
+        fn $name() {
+            check(stringify!($name));
+        }
+    )* };
+}
+
+scenes!(thin, solids, ring_small, dense, inside, veil);
+
+/// Nothing to prove while references are being made.
+fn is_remaking() -> bool {
+    std::env::var("CURLSMOKE_REMAKE_REFS").is_ok()
+}
+
+#[test]
+fn a_per_cent_of_density_is_noticed() {
+    if is_remaking() {
+        return;
+    }
+    let denser = picture("thin", Some(768), 23, &[("smoke.medium.extinction", "10.1")]);
+    assert!(!verdict(&denser, &reference("thin")).passed());
+    let same = picture("thin", Some(768), 23, &[]);
+    let report = verdict(&same, &reference("thin"));
+    assert!(report.passed(), "{report}");
+}
+
+#[test]
+fn a_shift_by_one_pixel_is_noticed() {
+    if is_remaking() {
+        return;
+    }
+    let image = picture("solids", None, 17, &[]);
+    let width = image.size[0] as usize;
+    let mut shifted = image.clone();
+    for channel in &mut shifted.channels {
+        for row in channel.data.chunks_mut(width) {
+            row.rotate_right(1);
+        }
+    }
+    assert!(!verdict(&shifted, &reference("solids")).passed());
+}
+
+#[test]
+fn swapped_channels_are_noticed() {
+    if is_remaking() {
+        return;
+    }
+    let image = picture("solids", None, 17, &[]);
+    let mut swapped = image.clone();
+    for channel in &mut swapped.channels {
+        channel.name = match channel.name.as_str() {
+            "R" => "B".into(),
+            "B" => "R".into(),
+            _ => continue,
+        };
+    }
+    swapped.channels.sort_by_key(|c| curlsmoke::output::image::channel_order(&c.name));
+    assert!(!verdict(&swapped, &reference("solids")).passed());
+}
