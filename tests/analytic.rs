@@ -75,10 +75,11 @@ lights: [{{sphere: {{center: [0, 0, 0], radius: 20, radiance: [1, 1, 1]}}}}]
 "
     ));
     let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
-    for (name, beam) in
-        [("outside", ray([0.1, 0.05, 5.0], [0.0, 0.0, -1.0])), ("inside", ray([-0.5, 0.1, 0.2], [0.7, 0.2, -0.3]))]
-    {
-        let found = estimate(&stage, Some(&medium), 10_000_000, 2, |_| beam);
+    for (name, beam, count) in [
+        ("outside", ray([0.1, 0.05, 5.0], [0.0, 0.0, -1.0]), 10_000_000),
+        ("inside", ray([-0.5, 0.1, 0.2], [0.7, 0.2, -0.3]), 2_000_000),
+    ] {
+        let found = estimate(&stage, Some(&medium), count, 2, |_| beam);
         println!("white furnace, camera {name}: {} ± {}", found.mean, found.standard_error);
         assert!(found.z(1.0) < 3.0);
         assert!(found.standard_error < 1e-3);
@@ -264,10 +265,10 @@ lights: [{{sun: {{direction: [0.8, -0.6, 0], irradiance: [2, 2, 2]}}}}]
     let beam = ray([0.3, 40.0, -0.2], [0.0, -1.0, 0.0]);
     let expected =
         albedo * 2.0 / (4.0 * PI) * mu0 / (1.0 + mu0) * chandrasekhar_h(albedo, 1.0) * chandrasekhar_h(albedo, mu0);
-    let found = estimate(&stage, Some(&medium), 1_000_000, 4, |_| beam);
+    let found = estimate(&stage, Some(&medium), 400_000, 4, |_| beam);
     println!("half space: {} ± {}, Chandrasekhar {expected}", found.mean, found.standard_error);
     assert!(found.z(expected) < 3.0);
-    assert!(found.standard_error < 3e-3 * expected);
+    assert!(found.standard_error < 5e-3 * expected);
 }
 
 #[test]

@@ -16,6 +16,9 @@ use crate::render::sampler::{Dimension, Sampler};
 use crate::render::tracking::{Event, estimate_transmittance, sample_collision};
 use glam::Vec3;
 
+/// How far before a surface smoke ends, relative to the coordinates involved: some rounding errors of a point on a ray.
+const CLEARANCE: f32 = 16.0 * f32::EPSILON;
+
 /// Everything that light meets, but for the smoke, which changes from frame to frame.
 pub struct World {
     /// Surfaces.
@@ -170,6 +173,8 @@ impl<'a> Integrator<'a> {
     /// The place where the ray meets smoke before `t_max`, if it does.
     fn fly(&self, ray: &Ray, t_max: f32, u: f32, sampler: &mut Sampler) -> Option<Vertex<'a>> {
         let medium = self.medium?;
+        // A collision that rounding moves behind the surface would be caught inside the solid for good.
+        let t_max = t_max * (1.0 - CLEARANCE) - CLEARANCE * ray.origin.0.abs().max_element();
         match sample_collision(medium, ray, t_max, u, sampler.stream()) {
             Event::Collision { t } => Some(Vertex::Smoke { point: ray.at(t), medium, before: ray.direction }),
             Event::Escape => None,
