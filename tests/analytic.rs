@@ -160,7 +160,7 @@ lights: [{light}]
     let check = |name: &str, stage: &Stage, expected: &dyn Fn(&Medium) -> f64| {
         let medium = medium(stage, centered_grid([12, 12, 12], 0.1, lumps));
         let expected = expected(&medium) * 0.8;
-        let found = estimate_single(stage, &medium, 1_000_000, beam);
+        let found = estimate(stage, Some(&medium), 1_000_000, 3, |_| beam);
         println!("single scattering, {name}: {} ± {}, quadrature {expected}", found.mean, found.standard_error);
         // The quadrature itself is good to a few parts in ten thousand.
         assert!((found.mean - expected).abs() < 3.0 * found.standard_error + 5e-4 * expected, "{name}");
@@ -202,35 +202,6 @@ lights: [{light}]
             (UnitVec3::try_new(d).expect("apart"), d_sq.sqrt() - 0.05, 400.0 * PI * 0.0025 / d_sq)
         })
     });
-}
-
-/// As [`estimate`], for paths that are meant to be cut after one scattering: what later ones would add is left out
-/// because the direct connection comes before the cut.
-fn estimate_single(stage: &Stage, medium: &Medium, count: usize, beam: Ray) -> support::Estimate {
-    use curlsmoke::render::film::PathCounts;
-    use curlsmoke::render::integrator::Integrator;
-    use curlsmoke::render::sampler::Sampler;
-    use rayon::prelude::*;
-    let limits = render::build_view(&stage.scene, 1, None).limits;
-    let integrator = Integrator { world: &stage.world, medium: Some(medium), limits };
-    const BLOCK: u32 = 4096;
-    let means: Vec<f64> = (0..count as u32 / BLOCK)
-        .into_par_iter()
-        .map(|block| {
-            let mut counts = PathCounts::default();
-            let sum: f64 = (0..BLOCK)
-                .map(|i| {
-                    let mut sampler = Sampler::new(Seed(3), block, 0, i);
-                    f64::from(integrator.trace(beam, &mut sampler, &mut counts).radiance.x)
-                })
-                .sum();
-            sum / f64::from(BLOCK)
-        })
-        .collect();
-    let n = means.len() as f64;
-    let mean = means.iter().sum::<f64>() / n;
-    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    support::Estimate { mean, standard_error: (variance / n).sqrt() }
 }
 
 /// Chandrasekhar's H function for isotropic scattering with single-scattering albedo `albedo`, at `mu` (Chandrasekhar

@@ -112,7 +112,7 @@ fn a_walk_covers_the_whole_of_a_full_grid_without_gaps() {
     .collect();
     assert!(segments.windows(2).all(|w| w[0].t1 == w[1].t0));
     let (first, last) = (segments[0].t0, segments[segments.len() - 1].t1);
-    assert!(first <= 5.0 - 0.05 && first > 4.0 && last >= 11.4 && last < 12.3, "{first} {last}");
+    assert!(first <= 5.0 - 0.05 && first > 4.0 && (11.4..12.3).contains(&last), "{first} {last}");
     assert!(segments.iter().all(|s| s.density_max >= 2.0 && s.density_max < 2.00001));
 }
 
@@ -253,7 +253,8 @@ fn one_particle_keeps_its_place_and_its_streak_is_even() {
 
 #[test]
 fn bad_particles_are_errors_that_name_them() {
-    let cases: [(&str, fn(&mut Cloud)); 6] = [
+    type Damage = fn(&mut Cloud);
+    let cases: [(&str, Damage); 6] = [
         ("position", |c| c.position[1][7] = f32::NAN),
         ("position", |c| c.position[2][7] = 1e30),
         ("velocity", |c| c.velocity[0][7] = f32::INFINITY),

@@ -2,8 +2,6 @@
 //!
 //! `make refs REASON="…"` remakes the references; a picture that fails is kept in `tests/failed/` with a map of where.
 
-mod support;
-
 use curlsmoke::geometry::Geometry;
 use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
 use curlsmoke::math::hash::Seed;

@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn flat_pixels_and_old_runs_have_their_values() {
         let image = decoded(&file("-Y 1 +X 4", &[128, 64, 0, 129, 1, 1, 1, 2, 0, 0, 0, 0])).unwrap();
-        assert_eq!(image.channel("R").unwrap(), [1.00390625, 1.00390625, 1.00390625, 0.0]);
+        assert_eq!(image.channel("R").unwrap(), [257.0 / 256.0, 257.0 / 256.0, 257.0 / 256.0, 0.0]);
         assert_eq!(image.channel("G").unwrap()[2], 64.5 / 128.0);
     }
 

@@ -86,7 +86,7 @@ impl Rectangle {
     fn intersect(&self, ray: &Ray) -> Option<LightHit> {
         let cosine = -self.normal.dot(*ray.direction);
         let t = (ray.origin - self.center).dot(*self.normal) / cosine;
-        if !(t > 1e-6) || !t.is_finite() {
+        if !t.is_finite() || t <= 1e-6 {
             return None;
         }
         let p = ray.at(t) - self.center;

@@ -95,8 +95,8 @@ impl Flight {
     #[inline]
     fn next_candidate(&mut self, piece: &mut Piece) -> Option<f32> {
         let next = piece.t + f64::from(self.tau_left / piece.sigma_maj);
-        // Not `next >= end`: without smoke the quotient is infinite or, for a distance of 0, no number.
-        if !(next < piece.end) {
+        if next >= piece.end || next.is_nan() {
+            // No number where the majorant is 0 and the distance too.
             self.tau_left -= (piece.end - piece.t) as f32 * piece.sigma_maj;
             return None;
         }

@@ -77,7 +77,8 @@ pub fn estimate(
                     f64::from(integrator.trace(ray(block), &mut sampler, &mut counts).radiance.x)
                 })
                 .sum();
-            assert_eq!(counts.truncated, 0, "the test's paths must not be cut");
+            // Tests of single scattering cut on purpose; what is cut comes after the one direct connection they want.
+            assert!(counts.truncated == 0 || view.limits.max_bounces == 1, "the test's paths must not be cut");
             sum / BLOCK as f64
         })
         .collect();
