@@ -150,10 +150,12 @@ impl MeshSdf {
         for (i, jet) in jets.iter_mut().enumerate().take(L::WIDTH) {
             *jet = self.jet_at(DVec3::new(p[0].lane(i), p[1].lane(i), p[2].lane(i)));
         }
+        let gradient = |k: usize| p[0].gather(|i| jets[i].gradient[k]);
+        let hessian = |k: usize| p[0].gather(|i| jets[i].hessian[k]);
         Jet {
             value: p[0].gather(|i| jets[i].value),
-            gradient: std::array::from_fn(|k| p[0].gather(|i| jets[i].gradient[k])),
-            hessian: std::array::from_fn(|k| p[0].gather(|i| jets[i].hessian[k])),
+            gradient: [gradient(0), gradient(1), gradient(2)],
+            hessian: [hessian(0), hessian(1), hessian(2), hessian(3), hessian(4), hessian(5)],
         }
     }
 

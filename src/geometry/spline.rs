@@ -143,29 +143,41 @@ impl Spline {
         let dims = self.coefficients.dims();
         let (row, slice) = (dims.x as usize, dims.x as usize * dims.y as usize);
         let values = self.coefficients.values();
-        std::array::from_fn(|k| {
-            let offset = first + j * row + k * slice;
-            Vec4::from_slice(&values[offset..offset + 4]).as_dvec4()
-        })
+        // Spelt out: a closure here stays a call, at a third of the time of the whole read.
+        let at = first + j * row;
+        [
+            Vec4::from_slice(&values[at..at + 4]).as_dvec4(),
+            Vec4::from_slice(&values[at + slice..at + slice + 4]).as_dvec4(),
+            Vec4::from_slice(&values[at + 2 * slice..at + 2 * slice + 4]).as_dvec4(),
+            Vec4::from_slice(&values[at + 3 * slice..at + 3 * slice + 4]).as_dvec4(),
+        ]
     }
 
     #[inline]
     fn weights(&self, p: DVec3) -> [Weights; 3] {
         let inverse = 1.0 / self.spacing;
         let u = (p - self.origin) * inverse;
-        [0, 1, 2].map(|axis| {
-            let last = f64::from(self.dims[axis] - 1);
-            let inside = u[axis].clamp(0.0, last);
-            let cell = inside.floor().min(last - 1.0);
-            let (value, slope, bend) = basis(inside - cell);
-            let beyond = u[axis] - inside;
-            Weights {
-                first: cell as u32,
-                value: value + slope * beyond,
-                slope: slope * inverse,
-                bend: if beyond == 0.0 { bend * (inverse * inverse) } else { DVec4::ZERO },
-            }
-        })
+        [
+            Self::axis_weights(u.x, self.dims.x, inverse),
+            Self::axis_weights(u.y, self.dims.y, inverse),
+            Self::axis_weights(u.z, self.dims.z, inverse),
+        ]
+    }
+
+    #[inline]
+    fn axis_weights(u: f64, count: u32, inverse: f64) -> Weights {
+        let last = f64::from(count - 1);
+        let inside = u.clamp(0.0, last);
+        // Not negative, so truncation is the floor.
+        let cell = (inside as u32).min(count - 2);
+        let (value, slope, bend) = basis(inside - f64::from(cell));
+        let beyond = u - inside;
+        Weights {
+            first: cell,
+            value: value + slope * beyond,
+            slope: slope * inverse,
+            bend: if beyond == 0.0 { bend * (inverse * inverse) } else { DVec4::ZERO },
+        }
     }
 }
 

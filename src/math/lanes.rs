@@ -9,6 +9,9 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 type FloatBits<S> = <<S as Simd>::f32s as SimdFloat<S>>::Bits;
 
+/// Lanes of the widest instruction set.
+const MAX_WIDTH: usize = 16;
+
 /// As many `f32` side by side as the instruction set `S` has in a register.
 #[derive(Clone, Copy, Debug)]
 pub struct Lanes<S: Simd> {
@@ -207,7 +210,12 @@ impl<S: Simd> Lane for Lanes<S> {
     }
     #[inline(always)]
     fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
-        self.wrap(S::f32s::from_fn(self.simd, |i| f(i) as f32))
+        // A plain loop: the library's `from_fn` leaves a call for each lane.
+        let mut numbers = [0.0; MAX_WIDTH];
+        for (i, number) in numbers.iter_mut().enumerate().take(Self::WIDTH) {
+            *number = f(i) as f32;
+        }
+        self.wrap(S::f32s::from_slice(self.simd, &numbers[..Self::WIDTH]))
     }
     #[inline(always)]
     fn floor(self) -> Self {
