@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery refs bench profile
+.PHONY: plume test gallery refs bench
 
 plume:
 	./bootstrap.sh
@@ -15,9 +15,13 @@ test:
 # The pictures of docs/gallery/.
 gallery:
 	./bootstrap.sh
-	$(CURLSMOKE) render scenes/plume.yaml --frames 12 --resolution 640x360 --spp 512 --set output.preview=docs/gallery/plume.png
-	$(CURLSMOKE) render scenes/ring.yaml --set output.preview=docs/gallery/ring.png
-	$(CURLSMOKE) render scenes/cloud.yaml --set output.preview=docs/gallery/cloud.png
+	$(CURLSMOKE) render scenes/plume.yaml --frames 12 --resolution 640x360 --spp 320
+	$(CURLSMOKE) render scenes/ring.yaml
+	$(CURLSMOKE) render scenes/cloud.yaml
+	mkdir -p docs/gallery
+	cp out/plume.0012.png docs/gallery/plume.png
+	cp out/ring.0001.png docs/gallery/ring.png
+	cp out/cloud.0001.png docs/gallery/cloud.png
 
 # Remakes the references of the image tests: make refs REASON="what changed, and why the pictures should"
 refs:
