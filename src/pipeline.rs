@@ -295,6 +295,8 @@ impl InputHash {
         settings.frames.last = settings.frames.first;
         settings.output.image.clear();
         settings.output.volume.clear();
+        // That there is a preview matters, its name does not.
+        settings.output.preview = settings.output.preview.map(|_| String::new());
         settings.render.memory_limit_gib = 0.0;
         let mut files = Vec::new();
         for shape in settings.shapes.values() {
