@@ -212,12 +212,12 @@ fn on_walls(field: &VelocityField, rng: &mut CounterRng, count: usize) -> Vec<([
         let solids: Vec<_> = field.obstacles().iter().flat_map(|o| o.solids()).collect();
         let pick = (rng.uniform() * solids.len() as f32) as usize;
         for _ in 0..40 {
-            let jet = solids[pick].jet(p.to_array());
+            let jet = solids[pick].at(p.to_array());
             p -= DVec3::from_array(jet.gradient) * jet.value;
         }
         let others_are_outside = solids.iter().enumerate().all(|(i, s)| i == pick || s.distance(p.to_array()) > 1e-3);
         if p.length() < 3.0 && others_are_outside {
-            points.push((p.to_array(), solids[pick].jet(p.to_array()).gradient));
+            points.push((p.to_array(), solids[pick].at(p.to_array()).gradient));
         }
     }
     points
@@ -250,7 +250,7 @@ fn the_velocity_does_not_jump_across_the_ridge_between_obstacles() {
     let (mut jump, mut square, mut count) = (0.0f64, 0.0, 0);
     while count < 2000 {
         let mut p = DVec3::from_array(random_point(&mut rng));
-        let distances = |p: DVec3| [0, 1, 2].map(|i| solids[i].jet(p.to_array()));
+        let distances = |p: DVec3| [0, 1, 2].map(|i| solids[i].at(p.to_array()));
         let mut order = [0, 1, 2];
         // To the ridge of the two closest: where their distances are equal.
         for _ in 0..30 {

@@ -1,7 +1,7 @@
 //! The velocity field: the curl of the sum of all potentials, each bent round all obstacles.
 
 use crate::flow::curl::curl;
-use crate::flow::obstacles::{Hole, Obstacle, jet_f64};
+use crate::flow::obstacles::{Hole, Obstacle, at_f64};
 use crate::flow::octaves::{Octave, OctaveSpan};
 use crate::flow::potential::{Psi, uniform};
 use crate::flow::ramp::removed;
@@ -154,7 +154,7 @@ impl VelocityField {
         let mut q = p.map(f64::from);
         for attempt in 0..32 {
             for (obstacle, solid) in self.obstacles.iter().flat_map(|o| o.solids().iter().map(move |s| (o, s))) {
-                let jet = jet_f64(solid, DVec3::from_array(q));
+                let jet = at_f64(solid, DVec3::from_array(q));
                 if jet.value < 0.0 {
                     let g = DVec3::from_array(jet.gradient);
                     // Far enough that the next steps' errors do not lead back in at once; farther at each attempt,

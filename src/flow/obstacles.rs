@@ -9,10 +9,10 @@
 //! conjunction, which has the same walls and no ridge between them, equation 3 takes the place of equation 5 (the joint
 //! normal is not smooth where they meet), and the flow between them dies down.
 
-use crate::flow::ramp::smooth_min;
+use crate::flow::ramp::{UnitNormal, smooth_min, unit_normal};
 use crate::geometry::primitive::Primitive;
 use crate::geometry::sdf::{PlacedSdf, Sdf};
-use crate::math::jet::Jet;
+use crate::math::jet::Scalar;
 use crate::math::real::{Lane, triple};
 use glam::DVec3;
 use std::sync::Arc;
@@ -34,6 +34,7 @@ pub struct Obstacle {
     reference: DVec3,
     size: f64,
     reach: f64,
+    /// Whether equation 5 applies; equation 3 otherwise.
     has_smooth_normal: bool,
     plane_normal: Option<DVec3>,
     hole: Option<Hole>,
@@ -50,17 +51,6 @@ pub struct Hole {
     pub axis: DVec3,
     /// Of the circle whose flux passes through the hole [m].
     pub radius: f64,
-}
-
-/// Distance and derivatives to an obstacle at a point: gradient, and the Hessian where the normal is smooth.
-#[derive(Debug, Clone, Copy)]
-pub struct WallDistance<L> {
-    /// Signed distance [m], negative inside.
-    pub value: L,
-    /// Its gradient.
-    pub gradient: [L; 3],
-    /// Its second derivatives xx, yy, zz, xy, xz, yz [1/m].
-    pub hessian: [L; 6],
 }
 
 impl Obstacle {
@@ -103,11 +93,6 @@ impl Obstacle {
         wanted.min(REACH_USED * self.reach)
     }
 
-    /// Whether equation 5 applies; equation 3 otherwise.
-    pub fn has_smooth_normal(&self) -> bool {
-        self.has_smooth_normal
-    }
-
     /// The direction out of a half space that stands alone.
     pub fn plane_normal(&self) -> Option<DVec3> {
         self.plane_normal
@@ -131,22 +116,26 @@ impl Obstacle {
         outside[0].max(outside[1]).max(outside[2]).any_lt(p[0].lit(margin))
     }
 
-    /// The distance with its derivatives.
+    /// Signed distance [m] with its gradient, and the normal with its derivatives where equation 5 applies.
     #[inline(always)]
-    pub fn jet<L: Lane>(&self, p: [L; 3]) -> WallDistance<L> {
-        let mut joint: Option<WallDistance<L>> = None;
+    pub fn wall<L: Lane>(&self, p: [L; 3]) -> (Scalar<L>, Option<UnitNormal<L>>) {
+        if self.has_smooth_normal
+            && let Some(jet) = self.solids[0].jet(p)
+        {
+            return (jet.scalar(), Some(unit_normal(&jet)));
+        }
+        let mut joint: Option<Scalar<L>> = None;
         for solid in &self.solids {
-            let jet = solid.jet(p);
+            let own = solid.at(p);
             joint = Some(match joint {
-                None => WallDistance { value: jet.value, gradient: jet.gradient, hessian: jet.hessian },
+                None => own,
                 Some(a) => {
-                    let (value, da, db) = smooth_min(a.value, jet.value);
-                    let gradient = triple!(i => da.mul_add(a.gradient[i], db * jet.gradient[i]));
-                    WallDistance { value, gradient, hessian: a.hessian }
+                    let (value, da, db) = smooth_min(a.value, own.value);
+                    Scalar { value, gradient: triple!(i => da.mul_add(a.gradient[i], db * own.gradient[i])) }
                 }
             });
         }
-        joint.expect("an obstacle has a solid")
+        (joint.expect("an obstacle has a solid"), None)
     }
 }
 
@@ -165,8 +154,7 @@ fn has_smooth_normal(solid: &PlacedSdf) -> bool {
         Sdf::Primitive(Primitive::Cuboid(c)) => c.rounding >= SHARP_ROUNDING * c.half_size.min_element(),
         Sdf::Primitive(_) => true,
         // A sampled distance turns within a sample's width at edges and creases.
-        #[allow(unreachable_patterns)]
-        _ => false,
+        Sdf::Mesh(_) => false,
     }
 }
 
@@ -199,7 +187,7 @@ fn gap(a: &PlacedSdf, b: &PlacedSdf) -> (f64, DVec3, DVec3) {
             on_b = project(b, on_a);
             on_a = project(a, on_b);
         }
-        let overlaps = |p: DVec3| [a, b].into_iter().all(|solid| jet_f64(solid, p).value <= 0.0);
+        let overlaps = |p: DVec3| [a, b].into_iter().all(|solid| at_f64(solid, p).value <= 0.0);
         let distance = if overlaps(start) || overlaps(on_a) || overlaps(on_b) { 0.0 } else { (on_a - on_b).length() };
         if distance < best.0 {
             best = (distance, on_a, on_b);
@@ -219,18 +207,18 @@ fn starts(solid: &PlacedSdf) -> impl Iterator<Item = DVec3> {
     bounds.map(|b| b.center().as_dvec3()).into_iter().chain(corners)
 }
 
-/// The distance with its derivatives in double precision, compiled once.
+/// The distance with its gradient in double precision, compiled once.
 #[inline(never)]
-pub fn jet_f64(solid: &PlacedSdf, p: DVec3) -> Jet<f64> {
-    solid.jet(p.to_array())
+pub fn at_f64(solid: &PlacedSdf, p: DVec3) -> Scalar<f64> {
+    solid.at(p.to_array())
 }
 
 fn project(solid: &PlacedSdf, p: DVec3) -> DVec3 {
     let mut q = p;
     for _ in 0..3 {
-        let jet = jet_f64(solid, q);
-        let gradient = DVec3::from_array(jet.gradient);
-        q -= gradient * (jet.value / gradient.length_squared().max(1e-12));
+        let found = at_f64(solid, q);
+        let gradient = DVec3::from_array(found.gradient);
+        q -= gradient * (found.value / gradient.length_squared().max(1e-12));
     }
     q
 }
@@ -324,11 +312,11 @@ mod tests {
     #[test]
     fn a_joint_distance_is_zero_on_both_walls() {
         let obstacle = &build_obstacles(vec![sphere(0.0, 1.0), sphere(1.5, 1.0)])[0];
-        assert!(!obstacle.has_smooth_normal());
+        assert!(!obstacle.has_smooth_normal);
         for p in [[-1.0, 0.0, 0.0], [2.5, 0.0, 0.0], [0.0, 1.0, 0.0]] {
-            assert!(obstacle.jet::<f64>(p).value.abs() < 1e-12);
+            assert!(obstacle.wall::<f64>(p).0.value.abs() < 1e-12);
         }
-        assert!(obstacle.jet([0.75f64, 0.0, 0.0]).value < 0.0);
-        assert!(obstacle.jet([0.75f64, 1.5, 0.0]).value > 0.0);
+        assert!(obstacle.wall([0.75f64, 0.0, 0.0]).0.value < 0.0);
+        assert!(obstacle.wall([0.75f64, 1.5, 0.0]).0.value > 0.0);
     }
 }

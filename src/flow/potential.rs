@@ -1,6 +1,7 @@
 //! Potentials with their Jacobians, and how they combine. A velocity is always the curl of what comes out, so whatever
 //! is combined here stays free of divergence.
 
+use crate::math::jet::Scalar;
 use crate::math::real::{Real, cross, triple};
 
 /// A vector potential at a point: its value [m²/s] and `jacobian[c][i]`, the derivative of component c along axis i
@@ -11,15 +12,6 @@ pub struct Psi<L> {
     pub value: [L; 3],
     /// Row c holds the gradient of component c [m/s].
     pub jacobian: [[L; 3]; 3],
-}
-
-/// A scalar field at a point: its value and its gradient [1/m].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scalar<L> {
-    /// The value.
-    pub value: L,
-    /// Its derivatives along x, y, z [1/m].
-    pub gradient: [L; 3],
 }
 
 impl<L: Real> Psi<L> {

@@ -1,6 +1,7 @@
 //! The boundary ramp and its application to a potential (curl-noise-2007, eq. 4 and 5).
 
-use crate::flow::potential::{Psi, Scalar};
+use crate::flow::potential::Psi;
+use crate::math::jet::{Jet, Scalar};
 use crate::math::real::{Real, dot, triple};
 
 /// Equation 4, `15/8 r − 10/8 r³ + 3/8 r⁵`, and its derivative, for `r` cut to [−1, 1]: odd, 0 at the wall, ±1 with
@@ -36,17 +37,22 @@ pub fn smooth_min<L: Real>(a: L, b: L) -> (L, L, L) {
 pub struct Wall<L> {
     /// The ramp α: 0 on the wall, 1 where it has no influence.
     pub alpha: Scalar<L>,
-    /// Unit normal, and `[c][i]`, the derivative of its component c along axis i [1/m]; `None` where the wall's normal
-    /// is not smooth and equation 3 takes the place of equation 5.
-    pub normal: Option<([L; 3], [[L; 3]; 3])>,
+    /// `None` where the wall's normal is not smooth and equation 3 takes the place of equation 5.
+    pub normal: Option<UnitNormal<L>>,
 }
 
-/// The unit vector along the gradient of a distance, with its derivatives, from gradient and Hessian.
+/// A wall's unit normal, and `[c][i]`, the derivative of its component c along axis i [1/m].
+pub type UnitNormal<L> = ([L; 3], [[L; 3]; 3]);
+
+/// The unit vector along the gradient of a distance, with its derivatives.
 ///
 /// Its curl is perpendicular to it whatever the length of the gradient, so that equation 5 is as tangential for
 /// a sampled distance, which is no exact distance, as for an exact one.
 #[inline(always)]
-pub fn unit_normal<L: Real>(gradient: [L; 3], second: [[L; 3]; 3]) -> ([L; 3], [[L; 3]; 3]) {
+pub fn unit_normal<L: Real>(distance: &Jet<L>) -> UnitNormal<L> {
+    let gradient = distance.gradient;
+    let [xx, yy, zz, xy, xz, yz] = distance.hessian;
+    let second = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
     let one = gradient[0].lit(1.0);
     let inverse = one / dot(gradient, gradient).max(one.lit(1e-20)).sqrt();
     let n = triple!(i => gradient[i] * inverse);
@@ -94,7 +100,6 @@ mod tests {
     use super::*;
     use crate::flow::curl::curl;
     use crate::flow::potential::uniform;
-    use crate::math::jet::Jet;
     use crate::math::real::length;
 
     #[test]
@@ -133,7 +138,7 @@ mod tests {
             let (a, b) = (f64::from(i) * 0.7, f64::from(i) * 0.31 - 1.5);
             let p = [b.cos() * a.cos(), b.cos() * a.sin() / 2.0, b.sin() / 3.0];
             let jet = f(p);
-            let normal = unit_normal(jet.gradient, triple!(i => triple!(j => jet.second(i, j))));
+            let normal = unit_normal(&jet);
             let (alpha, slope) = ramp(jet.value / 0.4);
             let alpha = Scalar { value: alpha, gradient: jet.gradient.map(|x| x * slope / 0.4) };
             let psi = uniform([1.0, -2.0, 0.7], [3.0, 1.0, 2.0], p);

@@ -7,9 +7,9 @@
 //! that the constraints compose. After Ding and Batty 2023, with smooth minima that vanish where their smaller argument
 //! does.
 
-use crate::flow::obstacles::{Obstacle, WallDistance};
-use crate::flow::potential::Scalar;
-use crate::flow::ramp::{Wall, ramp, smooth_min, unit_normal};
+use crate::flow::obstacles::Obstacle;
+use crate::flow::ramp::{UnitNormal, Wall, ramp, smooth_min};
+use crate::math::jet::Scalar;
 use crate::math::real::{Lane, triple};
 
 /// Obstacles do not notice each other beyond this many of the largest influence radius: far enough that up to that
@@ -23,8 +23,8 @@ const INLINE: usize = 6;
 pub struct NearWall<L> {
     /// Which obstacle.
     pub obstacle_idx: usize,
-    distance: WallDistance<L>,
-    normal: Option<([L; 3], [[L; 3]; 3])>,
+    distance: Scalar<L>,
+    normal: Option<UnitNormal<L>>,
     /// Clearance less distance, `None` where no other obstacle is near.
     room: Option<Scalar<L>>,
 }
@@ -54,16 +54,10 @@ impl<L: Lane> NearWalls<L> {
             if !obstacle.may_be_within(p, notice) {
                 continue;
             }
-            let distance = obstacle.jet(p);
+            let (distance, normal) = obstacle.wall(p);
             if !distance.value.any_lt(p[0].lit(notice)) {
                 continue;
             }
-            let normal = if obstacle.has_smooth_normal() {
-                let [xx, yy, zz, xy, xz, yz] = distance.hessian;
-                Some(unit_normal(distance.gradient, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-            } else {
-                None
-            };
             let wall = NearWall { obstacle_idx, distance, normal, room: None };
             if count < INLINE {
                 walls.inline[count] = Some(wall);

@@ -3,7 +3,7 @@
 use crate::geometry::mesh_sdf::MeshSdf;
 use crate::geometry::primitive::Primitive;
 use crate::math::aabb::Aabb;
-use crate::math::jet::Jet;
+use crate::math::jet::{Jet, Scalar};
 use crate::math::real::{Lane, Real, dot, triple};
 use crate::math::space::{Similarity, WorldPoint};
 use glam::{DMat3, Vec3};
@@ -28,12 +28,12 @@ impl Sdf {
         }
     }
 
-    /// Signed distance [m] with its gradient and Hessian.
+    /// Signed distance [m] with its gradient.
     #[inline(always)]
-    pub fn jet<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
+    pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
         match self {
-            Self::Primitive(primitive) => primitive.distance(Jet::point(p)),
-            Self::Mesh(mesh) => mesh.jet(p),
+            Self::Primitive(primitive) => primitive.distance(Jet::point(p)).scalar(),
+            Self::Mesh(mesh) => mesh.at(p),
         }
     }
 
@@ -103,26 +103,39 @@ impl PlacedSdf {
         self.sdf.distance(self.to_local(p)) * scale
     }
 
-    /// Signed distance [m] of a world-space point with its gradient (outward, of length 1 for primitives) and
-    /// Hessian [1/m].
+    /// Signed distance [m] of a world-space point with its gradient (outward, of length 1 for primitives).
     #[inline(always)]
-    pub fn jet<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
-        let local = self.sdf.jet(self.to_local(p));
+    pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+        let local = self.sdf.at(self.to_local(p));
+        let value = local.value * p[0].lit(f64::from(self.placement.scale));
+        if !self.is_turned {
+            return Scalar { value, gradient: local.gradient };
+        }
+        let rows: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation.col(j)[i])));
+        Scalar { value, gradient: triple!(i => dot(rows[i], local.gradient)) }
+    }
+
+    /// As [`PlacedSdf::at`] with the Hessian [1/m]; `None` for a sampled distance, whose curvature is not the solid's.
+    #[inline(always)]
+    pub fn jet<L: Lane>(&self, p: [L; 3]) -> Option<Jet<L>> {
+        let Sdf::Primitive(primitive) = &self.sdf else { return None };
+        let local = primitive.distance(Jet::point(self.to_local(p)));
         let scale = p[0].lit(f64::from(self.placement.scale));
         let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
         let (value, g) = (local.value * scale, local.gradient);
         let [xx, yy, zz, xy, xz, yz] = local.hessian;
         let h = [xx * inverse, yy * inverse, zz * inverse, xy * inverse, xz * inverse, yz * inverse];
         if !self.is_turned {
-            return Jet { value, gradient: g, hessian: h };
+            return Some(Jet { value, gradient: g, hessian: h });
         }
         let rows: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation.col(j)[i])));
         // R H Rᵀ, row by row.
         let second = [[h[0], h[3], h[4]], [h[3], h[1], h[5]], [h[4], h[5], h[2]]];
         let half: [[L; 3]; 3] = triple!(i => triple!(j => dot(rows[i], second[j])));
-        Jet {
+        let gradient = triple!(i => dot(rows[i], g));
+        Some(Jet {
             value,
-            gradient: triple!(i => dot(rows[i], g)),
+            gradient,
             hessian: [
                 dot(half[0], rows[0]),
                 dot(half[1], rows[1]),
@@ -131,7 +144,7 @@ impl PlacedSdf {
                 dot(half[0], rows[2]),
                 dot(half[1], rows[2]),
             ],
-        }
+        })
     }
 
     /// A world-space point in the solid's own space.
@@ -178,14 +191,15 @@ mod tests {
             for i in 1..300 {
                 let a = f64::from(i);
                 let p = [(a * 0.71).sin() * 1.5, (a * 1.37).cos() * 1.2, (a * 2.11).sin() * 1.4];
-                let jet = sdf.jet(p);
+                let jet = sdf.jet(p).expect("a primitive");
                 assert_eq!(jet.value, sdf.distance(p));
+                assert_eq!(jet.scalar(), sdf.at(p));
                 assert!((length(jet.gradient) - 1.0).abs() < 1e-9);
                 for axis in 0..3 {
                     let moved = |by: f64| {
                         let mut q = p;
                         q[axis] += by;
-                        sdf.jet(q)
+                        sdf.jet(q).expect("a primitive")
                     };
                     let (up, down) = (moved(h), moved(-h));
                     if (0..6).any(|k| (up.hessian[k] - down.hessian[k]).abs() > 0.01) {

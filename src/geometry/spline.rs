@@ -1,13 +1,14 @@
-//! A scalar field on a lattice, interpolated by tricubic B-splines: twice continuously differentiable, with value,
-//! gradient and Hessian of the very same function.
+//! A scalar field on a lattice, interpolated by tricubic B-splines: twice continuously differentiable, with value and
+//! gradient of the very same function.
 //!
 //! Unser 1999, *Splines: A Perfect Fit for Signal and Image Processing*, equations 6 (the basis) and box 2 (samples to
 //! coefficients). At the borders the second derivative is zero, so that the field continues in straight lines outside,
 //! still twice continuously differentiable.
 
-use crate::math::jet::Jet;
+use crate::math::jet::Scalar;
 use crate::math::lattice::Lattice;
-use glam::{DVec3, DVec4, UVec3, Vec4};
+use crate::math::real::{Lane, MAX_WIDTH, triple};
+use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 
 /// A field on a lattice whose first sample sits at `origin`.
@@ -21,13 +22,13 @@ pub struct Spline {
     coefficients: Lattice<f32>,
 }
 
-/// Four neighbouring weights along one axis, and their first and second derivatives by position [1, 1/m, 1/m²].
-struct Weights {
+/// Four neighbouring weights along one axis, and their derivatives by position [1/m].
+#[derive(Clone, Copy)]
+struct Weights<L> {
     /// Index of the first coefficient.
-    first: u32,
-    value: DVec4,
-    slope: DVec4,
-    bend: DVec4,
+    first: L,
+    value: [L; 4],
+    slope: [L; 4],
 }
 
 impl Spline {
@@ -93,109 +94,84 @@ impl Spline {
         4 * self.coefficients.values().len() as u64
     }
 
-    /// The field at `p`.
-    #[inline]
-    pub fn value(&self, p: DVec3) -> f64 {
-        let [x, y, z] = self.weights(p);
-        let first = self.coefficients.offset(UVec3::new(x.first, y.first, z.first));
-        let mut sum = DVec4::ZERO;
-        for j in 0..4 {
-            let column = self.column(first, j);
-            sum += contract(&column, z.value) * y.value[j];
-        }
-        sum.dot(x.value)
-    }
-
-    /// The field at `p` with its gradient and Hessian.
-    #[inline]
-    pub fn jet(&self, p: DVec3) -> Jet<f64> {
-        let [x, y, z] = self.weights(p);
-        let first = self.coefficients.offset(UVec3::new(x.first, y.first, z.first));
-        // Sums over y and z of the rows: no derivative, by y, z, yy, zz, yz.
-        let [mut s, mut sy, mut sz, mut syy, mut szz, mut syz] = [DVec4::ZERO; 6];
-        for j in 0..4 {
-            let column = self.column(first, j);
-            let (value, slope) = (contract(&column, z.value), contract(&column, z.slope));
-            s += value * y.value[j];
-            sy += value * y.slope[j];
-            syy += value * y.bend[j];
-            sz += slope * y.value[j];
-            syz += slope * y.slope[j];
-            szz += contract(&column, z.bend) * y.value[j];
-        }
-        Jet {
-            value: s.dot(x.value),
-            gradient: [s.dot(x.slope), sy.dot(x.value), sz.dot(x.value)],
-            hessian: [
-                s.dot(x.bend),
-                syy.dot(x.value),
-                szz.dot(x.value),
-                sy.dot(x.slope),
-                sz.dot(x.slope),
-                syz.dot(x.value),
-            ],
-        }
-    }
-
-    /// The four rows of coefficients along x at row `j` behind `first`, one for each of four z.
-    #[inline]
-    fn column(&self, first: usize, j: usize) -> [DVec4; 4] {
+    /// The field at `p` [m] with its gradient.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+        let [x, y, z]: [Weights<L>; 3] = triple!(axis => self.weights(p[axis], axis));
         let dims = self.coefficients.dims();
         let (row, slice) = (dims.x as usize, dims.x as usize * dims.y as usize);
-        let values = self.coefficients.values();
-        // Spelt out: a closure here stays a call, at a third of the time of the whole read.
-        let at = first + j * row;
-        [
-            Vec4::from_slice(&values[at..at + 4]).as_dvec4(),
-            Vec4::from_slice(&values[at + slice..at + slice + 4]).as_dvec4(),
-            Vec4::from_slice(&values[at + 2 * slice..at + 2 * slice + 4]).as_dvec4(),
-            Vec4::from_slice(&values[at + 3 * slice..at + 3 * slice + 4]).as_dvec4(),
-        ]
-    }
-
-    #[inline]
-    fn weights(&self, p: DVec3) -> [Weights; 3] {
-        let inverse = 1.0 / self.spacing;
-        let u = (p - self.origin) * inverse;
-        [
-            Self::axis_weights(u.x, self.dims.x, inverse),
-            Self::axis_weights(u.y, self.dims.y, inverse),
-            Self::axis_weights(u.z, self.dims.z, inverse),
-        ]
-    }
-
-    #[inline]
-    fn axis_weights(u: f64, count: u32, inverse: f64) -> Weights {
-        let last = f64::from(count - 1);
-        let inside = u.clamp(0.0, last);
-        // Not negative, so truncation is the floor.
-        let cell = (inside as u32).min(count - 2);
-        let (value, slope, bend) = basis(inside - f64::from(cell));
-        let beyond = u - inside;
-        Weights {
-            first: cell,
-            value: value + slope * beyond,
-            slope: slope * inverse,
-            bend: if beyond == 0.0 { bend * (inverse * inverse) } else { DVec4::ZERO },
+        let coefficients = self.coefficients.values();
+        let mut first = [0; MAX_WIDTH];
+        for lane in 0..L::WIDTH {
+            let (i, j, k) = (x.first.lane(lane) as usize, y.first.lane(lane) as usize, z.first.lane(lane) as usize);
+            first[lane] = i + j * row + k * slice;
         }
+        let zero = p[0].lit(0.0);
+        let mut sum = Scalar { value: zero, gradient: [zero; 3] };
+        for k in 0..4 {
+            // Summed along x and y: the field, and its derivatives by x and y.
+            let [mut s, mut by_x, mut by_y] = [zero; 3];
+            for j in 0..4 {
+                let offset = j * row + k * slice;
+                let [c0, c1, c2, c3] = p[0].gather_four(
+                    #[inline(always)]
+                    |lane| {
+                        let at = first[lane] + offset;
+                        &coefficients[at..at + 4]
+                    },
+                );
+                let value = c0.mul_add(x.value[0], c1.mul_add(x.value[1], c2.mul_add(x.value[2], c3 * x.value[3])));
+                let slope = c0.mul_add(x.slope[0], c1.mul_add(x.slope[1], c2.mul_add(x.slope[2], c3 * x.slope[3])));
+                s = value.mul_add(y.value[j], s);
+                by_y = value.mul_add(y.slope[j], by_y);
+                by_x = slope.mul_add(y.value[j], by_x);
+            }
+            sum.value = s.mul_add(z.value[k], sum.value);
+            sum.gradient[0] = by_x.mul_add(z.value[k], sum.gradient[0]);
+            sum.gradient[1] = by_y.mul_add(z.value[k], sum.gradient[1]);
+            sum.gradient[2] = s.mul_add(z.slope[k], sum.gradient[2]);
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn weights<L: Lane>(&self, x: L, axis: usize) -> Weights<L> {
+        let inverse = x.lit(1.0 / self.spacing);
+        let last = f64::from(self.dims[axis] - 1);
+        let u = (x - x.lit(self.origin[axis])) * inverse;
+        let inside = u.clamp(x.lit(0.0), x.lit(last));
+        let first = inside.floor().min(x.lit(last - 1.0));
+        let (value, slope) = basis(inside - first);
+        let beyond = u - inside;
+        let value = [
+            slope[0].mul_add(beyond, value[0]),
+            slope[1].mul_add(beyond, value[1]),
+            slope[2].mul_add(beyond, value[2]),
+            slope[3].mul_add(beyond, value[3]),
+        ];
+        let slope = [slope[0] * inverse, slope[1] * inverse, slope[2] * inverse, slope[3] * inverse];
+        Weights { first, value, slope }
     }
 }
 
-#[inline]
-fn contract(column: &[DVec4; 4], weights: DVec4) -> DVec4 {
-    column[0] * weights.x + column[1] * weights.y + column[2] * weights.z + column[3] * weights.w
+/// The four cubic B-splines that are not zero at `t` in [0, 1], and their derivatives.
+#[inline(always)]
+fn basis<L: Lane>(t: L) -> ([L; 4], [L; 4]) {
+    let (one, half, sixth) = (t.lit(1.0), t.lit(0.5), t.lit(1.0 / 6.0));
+    let s = one - t;
+    let (tt, ss) = (t * t, s * s);
+    let (near, near_slope) = near_middle(t);
+    let (far, far_slope) = near_middle(s);
+    ([ss * s * sixth, near, far, tt * t * sixth], [-(ss * half), near_slope, -far_slope, tt * half])
 }
 
-/// The four cubic B-splines that are not zero at `t` in [0, 1], with first and second derivative.
-#[inline]
-fn basis(t: f64) -> (DVec4, DVec4, DVec4) {
-    let s = 1.0 - t;
-    let (tt, ss) = (t * t, s * s);
-    (
-        DVec4::new(ss * s, 4.0 - 6.0 * tt + 3.0 * tt * t, 4.0 - 6.0 * ss + 3.0 * ss * s, tt * t) / 6.0,
-        DVec4::new(-0.5 * ss, 1.5 * tt - 2.0 * t, 2.0 * s - 1.5 * ss, 0.5 * tt),
-        DVec4::new(s, 3.0 * t - 2.0, 3.0 * s - 2.0, t),
-    )
+/// The cubic B-spline within 1 of its middle, and its derivative.
+#[inline(always)]
+fn near_middle<L: Lane>(t: L) -> (L, L) {
+    let square = t * t;
+    let value = square.mul_add(t.mul_add(t.lit(0.5), t.lit(-1.0)), t.lit(2.0 / 3.0));
+    (value, square.mul_add(t.lit(1.5), -(t + t)))
 }
 
 /// Solves (c[i−1] + 4 c[i] + c[i+1])/6 = f[i] between c = f at both ends.
@@ -257,26 +233,22 @@ mod tests {
         let spline = sampled(UVec3::new(9, 7, 8), spacing, origin);
         for (x, y, z) in [(0, 0, 0), (8, 6, 7), (3, 2, 5), (0, 6, 3)] {
             let p = origin + DVec3::new(f64::from(x), f64::from(y), f64::from(z)) * spacing;
-            assert!((spline.value(p) - field(p)).abs() < 1e-6, "{p}");
+            assert!((spline.at(p.to_array()).value - field(p)).abs() < 1e-6, "{p}");
         }
     }
 
     #[test]
-    fn derivatives_are_those_of_the_spline_itself_inside_and_outside() {
+    fn the_gradient_is_that_of_the_spline_itself_inside_and_outside() {
         let spline = sampled(UVec3::new(9, 7, 8), 0.3, DVec3::ZERO);
         let h = 1e-4;
         for i in 0..300 {
             let a = f64::from(i);
             let p = DVec3::new((a * 0.71).sin() + 1.0, (a * 1.37).cos() + 1.0, (a * 2.11).sin() + 1.0) * 1.6 - 0.4;
-            let jet = spline.jet(p);
-            assert!((jet.value - spline.value(p)).abs() < 1e-12);
+            let field = spline.at(p.to_array());
             for axis in 0..3 {
-                let (up, down) = (spline.jet(p + DVec3::AXES[axis] * h), spline.jet(p - DVec3::AXES[axis] * h));
-                assert!((jet.gradient[axis] - (up.value - down.value) / (2.0 * h)).abs() < 1e-5);
-                for j in 0..3 {
-                    let second = (up.gradient[j] - down.gradient[j]) / (2.0 * h);
-                    assert!((jet.second(j, axis) - second).abs() < 1e-2, "{p} {j}{axis}");
-                }
+                let step = DVec3::AXES[axis] * h;
+                let (up, down) = (spline.at((p + step).to_array()), spline.at((p - step).to_array()));
+                assert!((field.gradient[axis] - (up.value - down.value) / (2.0 * h)).abs() < 1e-5);
             }
         }
     }
@@ -284,14 +256,17 @@ mod tests {
     #[test]
     fn second_derivatives_are_continuous_across_cells_and_the_border() {
         let spline = sampled(UVec3::new(9, 7, 8), 0.3, DVec3::ZERO);
+        let h = 1e-5;
         for plane in [0.0, 0.3, 0.6, 1.5, 1.8] {
             for axis in 0..3 {
-                let mut p = DVec3::new(0.41, 0.77, 0.93);
-                p[axis] = plane;
-                let (before, after) = (spline.jet(p - 1e-9), spline.jet(p + 1e-9));
-                for k in 0..6 {
-                    assert!((before.hessian[k] - after.hessian[k]).abs() < 1e-5, "axis {axis} at {plane}: {k}");
-                }
+                let gradient = |offset: f64| {
+                    let mut p = DVec3::new(0.41, 0.77, 0.93);
+                    p[axis] = plane + offset;
+                    DVec3::from_array(spline.at(p.to_array()).gradient)
+                };
+                let (before, at, after) = (gradient(-h), gradient(0.0), gradient(h));
+                let jump = ((after - at) - (at - before)) / h;
+                assert!(jump.abs().max_element() < 1e-3, "axis {axis} at {plane}: {jump}");
             }
         }
     }
@@ -303,7 +278,7 @@ mod tests {
             let errors = (0..400).map(|i| {
                 let a = f64::from(i);
                 let p = DVec3::new((a * 0.71).sin(), (a * 1.37).cos(), (a * 2.11).sin()) * 0.5 + 2.0;
-                (spline.value(p) - field(p)).abs()
+                (spline.at(p.to_array()).value - field(p)).abs()
             });
             errors.fold(0.0, f64::max)
         };

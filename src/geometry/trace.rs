@@ -57,7 +57,7 @@ impl Solid {
     /// Outward normal at a point of the surface, not quite of length 1.
     #[inline]
     pub fn normal_at(&self, p: DVec3) -> DVec3 {
-        DVec3::from_array(self.sdf.jet(p.to_array()).gradient)
+        DVec3::from_array(self.sdf.at(p.to_array()).gradient)
     }
 
     /// The least ray parameter in `(t_min, t_max)` where the ray crosses the surface, from outside or from inside.

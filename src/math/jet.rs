@@ -21,6 +21,45 @@ pub struct Jet<R> {
     pub hessian: [R; 6],
 }
 
+/// Value and gradient of a scalar field at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scalar<R> {
+    /// The value.
+    pub value: R,
+    /// Its derivatives along x, y, z [1/m].
+    pub gradient: [R; 3],
+}
+
+impl<R: Real> Scalar<R> {
+    /// Sum.
+    #[inline(always)]
+    pub fn plus(&self, other: &Self) -> Self {
+        Self { value: self.value + other.value, gradient: triple!(i => self.gradient[i] + other.gradient[i]) }
+    }
+
+    /// Difference.
+    #[inline(always)]
+    pub fn minus(&self, other: &Self) -> Self {
+        Self { value: self.value - other.value, gradient: triple!(i => self.gradient[i] - other.gradient[i]) }
+    }
+
+    /// Product.
+    #[inline(always)]
+    pub fn times(&self, other: &Self) -> Self {
+        let gradient = triple!(i => self.value.mul_add(other.gradient[i], other.value * self.gradient[i]));
+        Self { value: self.value * other.value, gradient }
+    }
+
+    /// `then` where `x < bound`, `otherwise` elsewhere.
+    #[inline(always)]
+    pub fn select_lt(x: R, bound: R, then: Self, otherwise: Self) -> Self {
+        Self {
+            value: x.select_lt(bound, then.value, otherwise.value),
+            gradient: triple!(i => x.select_lt(bound, then.gradient[i], otherwise.gradient[i])),
+        }
+    }
+}
+
 /// First and second index of each stored second derivative.
 const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
 
@@ -56,6 +95,12 @@ impl<R: Real> Jet<R> {
     #[inline(always)]
     pub fn point(p: [R; 3]) -> [Self; 3] {
         [Self::coordinate(p[0], 0), Self::coordinate(p[1], 1), Self::coordinate(p[2], 2)]
+    }
+
+    /// The field without its second derivatives.
+    #[inline(always)]
+    pub fn scalar(self) -> Scalar<R> {
+        Scalar { value: self.value, gradient: self.gradient }
     }
 
     /// Second derivative along axes `i` and `j`.

@@ -3,14 +3,11 @@
 //! Everything is elementwise, so on processors with fused multiply–add a number computed in a lane of eight is the
 //! very same as in a lane of sixteen; the tail of an array is padded, never computed by other means.
 
-use crate::math::real::{Lane, Real, Word};
+use crate::math::real::{Lane, MAX_WIDTH, Real, Word};
 use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdFrom};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 type FloatBits<S> = <<S as Simd>::f32s as SimdFloat<S>>::Bits;
-
-/// Lanes of the widest instruction set.
-const MAX_WIDTH: usize = 16;
 
 /// As many `f32` side by side as the instruction set `S` has in a register.
 #[derive(Clone, Copy, Debug)]
@@ -209,13 +206,32 @@ impl<S: Simd> Lane for Lanes<S> {
         f64::from(self.values.as_slice()[i])
     }
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
         // A plain loop: the library's `from_fn` leaves a call for each lane.
         let mut numbers = [0.0; MAX_WIDTH];
-        for (i, number) in numbers.iter_mut().enumerate().take(Self::WIDTH) {
-            *number = f(i) as f32;
+        for i in 0..Self::WIDTH {
+            numbers[i] = f(i) as f32;
         }
         self.wrap(S::f32s::from_slice(self.simd, &numbers[..Self::WIDTH]))
+    }
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn gather_four<'a>(self, mut f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4] {
+        let mut numbers = [[0.0; MAX_WIDTH]; 4];
+        for i in 0..Self::WIDTH {
+            let found = &f(i)[..4];
+            numbers[0][i] = found[0];
+            numbers[1][i] = found[1];
+            numbers[2][i] = found[2];
+            numbers[3][i] = found[3];
+        }
+        [
+            self.wrap(S::f32s::from_slice(self.simd, &numbers[0][..Self::WIDTH])),
+            self.wrap(S::f32s::from_slice(self.simd, &numbers[1][..Self::WIDTH])),
+            self.wrap(S::f32s::from_slice(self.simd, &numbers[2][..Self::WIDTH])),
+            self.wrap(S::f32s::from_slice(self.simd, &numbers[3][..Self::WIDTH])),
+        ]
     }
     #[inline(always)]
     fn floor(self) -> Self {

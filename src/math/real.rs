@@ -83,6 +83,9 @@ impl Word for u32 {
     }
 }
 
+/// Numbers in the widest [`Lane`].
+pub const MAX_WIDTH: usize = 16;
+
 /// A [`Real`] that is a fixed number of plain numbers side by side: a scalar, or a SIMD register.
 pub trait Lane: Real {
     /// As many 32-bit words.
@@ -93,6 +96,11 @@ pub trait Lane: Real {
     fn lane(self, i: usize) -> f64;
     /// Numbers `f(0), f(1), …`, of the same kind as `self`: the way to look something up for each lane.
     fn gather(self, f: impl FnMut(usize) -> f64) -> Self;
+    /// For each lane the first four numbers of `f(lane)`, transposed: the first ones, the second ones and so on.
+    ///
+    /// # Panics
+    /// When a slice has fewer than four.
+    fn gather_four<'a>(self, f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4];
     /// The largest integers not above.
     fn floor(self) -> Self;
     /// Integers as words modulo 2^32; meaningless (but defined) where `|self| ≥ 2^22` or not an integer.
@@ -154,6 +162,11 @@ macro_rules! scalar {
             #[inline(always)]
             fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
                 f(0) as $t
+            }
+            #[inline(always)]
+            fn gather_four<'a>(self, mut f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4] {
+                let found = f(0);
+                [found[0] as $t, found[1] as $t, found[2] as $t, found[3] as $t]
             }
             #[inline(always)]
             fn floor(self) -> Self {

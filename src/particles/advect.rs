@@ -86,11 +86,12 @@ pub fn advanced<L: Lane>(span: &FieldSpan, scheme: Scheme, duration: f32, p: [L;
     let h = share * phase.lit(f64::from(duration));
     let mut slope = [phase.lit(0.0); 3];
     let mut sum = slope;
-    for (&node, &weight) in scheme.nodes.iter().zip(scheme.weights) {
-        let reach = h * phase.lit(node);
+    for stage in 0..scheme.stage_count() {
+        let (node, weight) = (phase.lit(scheme.nodes[stage]), phase.lit(scheme.weights[stage]));
+        let reach = h * node;
         let q = triple!(i => reach.mul_add(slope[i], p[i]));
-        slope = span.velocity(q, phase.lit(node).mul_add(share, phase));
-        sum = triple!(i => phase.lit(weight).mul_add(slope[i], sum[i]));
+        slope = span.velocity(q, node.mul_add(share, phase));
+        sum = triple!(i => weight.mul_add(slope[i], sum[i]));
     }
     triple!(i => h.mul_add(sum[i], p[i]))
 }

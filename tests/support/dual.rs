@@ -104,6 +104,10 @@ impl Lane for Dual {
     fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
         Self::constant(f(0))
     }
+    fn gather_four<'a>(self, mut f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4] {
+        let found = f(0);
+        std::array::from_fn(|k| Self::constant(f64::from(found[k])))
+    }
     fn floor(self) -> Self {
         Self::constant(self.value.floor())
     }
