@@ -1,6 +1,7 @@
 //! What can fail at the top: each stage's own error, and the exit code that tells scripts which kind it was.
 
 use crate::geometry::GeometryError;
+use crate::geometry::embree::EmbreeError;
 use crate::geometry::mesh_file::MeshFileError;
 use crate::geometry::mesh_sdf::MeshSdfError;
 use crate::grid::GridError;
@@ -111,7 +112,8 @@ fn grid_exit_code(e: &GridError) -> u8 {
 
 fn geometry_exit_code(e: &GeometryError) -> u8 {
     match e {
-        GeometryError::MeshFile { source: MeshFileError::NotFound { .. }, .. } => 4,
+        GeometryError::MeshFile { source: MeshFileError::NotFound { .. }, .. }
+        | GeometryError::Embree(EmbreeError::Load(_)) => 4,
         GeometryError::MeshFile { source: MeshFileError::Memory { .. }, .. }
         | GeometryError::Distance { source: MeshSdfError::Memory { .. }, .. } => 6,
         GeometryError::MeshFile { .. } | GeometryError::Distance { .. } => 3,

@@ -1,7 +1,7 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
 use crate::error::Error;
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, GeometryError};
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
 use crate::output::film_image::{Layers, Origin, image_of_film};
@@ -16,7 +16,7 @@ use crate::render::film::{Film, PixelBounds};
 use crate::render::integrator::World;
 use crate::render::{self, tiles};
 use crate::scene::pattern::Pattern;
-use crate::scene::settings::{Aov, View};
+use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -102,7 +102,7 @@ pub fn bake(
     let file_of = |frame: i32| PathBuf::from(pattern.expand(frame, scene.name()));
     check_distinct(frames, file_of)?;
     let mut record = Sidecar::default();
-    let geometry = timed(progress, Stage::Geometry, &mut record, 0, || Geometry::build(scene, progress))?;
+    let geometry = timed(progress, Stage::Geometry, &mut record, 0, || build_geometry(scene, progress))?;
     let mut smoke = SmokeSource::build(scene, &geometry)?;
     for (index, &frame) in frames.iter().enumerate() {
         progress.frame(frame, index, frames.len());
@@ -126,7 +126,7 @@ struct Studio {
 impl Studio {
     fn build(scene: &Scene, progress: &dyn Progress, record: &mut Sidecar) -> Result<Self, Error> {
         timed(progress, Stage::Geometry, record, 0, || {
-            let geometry = Geometry::build(scene, progress)?;
+            let geometry = build_geometry(scene, progress)?;
             let world = render::build_world(scene, &geometry, &|path| load_picture(path, memory_limit(scene)))?;
             let smoke = SmokeSource::build(scene, &geometry)?;
             Ok(Self { world, smoke })
@@ -153,6 +153,12 @@ impl Studio {
         record.truncated_paths = film.paths.truncated as f64 / film.paths.traced.max(1) as f64;
         Ok(film)
     }
+}
+
+fn build_geometry(scene: &Scene, progress: &dyn Progress) -> Result<Geometry, GeometryError> {
+    let geometry = Geometry::build(scene, progress)?;
+    geometry.warnings.iter().for_each(|warning| progress.note(warning));
+    Ok(geometry)
 }
 
 /// Where the density of a frame comes from.
@@ -266,7 +272,7 @@ fn write_frame(
     if let Some(path) = files.preview(record.frame) {
         let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
         let size = [film.bounds.width(), film.bounds.height()];
-        written.push((path, png::encode(&rgb, size, view(settings.output.view), settings.output.exposure_ev)?));
+        written.push((path, png::encode(&rgb, size, settings.output.view.into(), settings.output.exposure_ev)?));
     }
     for (path, bytes) in &written {
         file::write_atomic(path, bytes)?;
@@ -351,14 +357,6 @@ fn layers(aovs: &[Aov]) -> Layers {
         normal: aovs.contains(&Aov::Normal),
         albedo: aovs.contains(&Aov::Albedo),
         variance: aovs.contains(&Aov::Variance),
-    }
-}
-
-fn view(view: View) -> png::View {
-    match view {
-        View::Standard => png::View::Standard,
-        View::Neutral => png::View::Neutral,
-        View::Raw => png::View::Raw,
     }
 }
 

@@ -38,6 +38,8 @@ pub trait Progress: Sync {
     fn advance(&self, _units: u64) {}
     /// The current stage is done.
     fn end(&self, _stage: Stage) {}
+    /// Something a person should know that is no error.
+    fn note(&self, _text: &str) {}
     /// True when the work should stop as soon as it can without leaving anything half done.
     fn is_cancelled(&self) -> bool {
         false

@@ -123,6 +123,27 @@ fn check_tells_good_scenes_from_bad_ones() {
 }
 
 #[test]
+fn holes_in_an_obstacle_are_told_by_every_verb_that_reads_it() {
+    let folder = Folder::new();
+    folder.write("sheet.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let sheet = BALL.replace("sphere: {center: [0, 0, 0], radius: 1}", "mesh: {file: sheet.obj}");
+    folder.write("sheet.yaml", &format!("{sheet}flow: {{obstacles: [ball]}}\n"));
+    folder.write("decoration.yaml", &sheet);
+    folder.write("torn.obj", "v 0 0 0\nv 1 0 nan\n");
+    folder.write("torn.yaml", &sheet.replace("sheet.obj", "torn.obj"));
+    for verb in ["check", "render"] {
+        let [_, err] = folder.expect(0, &[verb, "sheet.yaml"]);
+        contains(&err, &["warning: sheet.yaml:7:", "sheet.obj", "3 open edges"]);
+        let [_, err] = folder.expect(0, &[verb, "decoration.yaml"]);
+        assert!(!err.contains("open edges"), "{err}");
+        let [_, err] = folder.expect(3, &[verb, "torn.yaml"]);
+        contains(&err, &["error: torn.yaml:7:", "torn.obj"]);
+    }
+    let [out, _] = folder.expect(0, &["check", "sheet.yaml", "--format", "json"]);
+    contains(&out, &["3 open edges"]);
+}
+
+#[test]
 fn the_schema_is_json_that_describes_the_keys() {
     let folder = Folder::new();
     let [out, _] = folder.expect(0, &["schema"]);

@@ -3,6 +3,7 @@
 use crate::cli::args::{CheckArguments, Format};
 use crate::cli::{log, print_result};
 use crate::error::Error;
+use crate::geometry::{GeometryError, check_meshes};
 use crate::scene::{Scene, SceneError, schema_json};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -13,15 +14,15 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<u8, Error> {
     let mut code = 0;
     let mut reports = Vec::new();
     for path in &arguments.scenes {
-        let result = Scene::load_with(path, &overrides);
+        let scene = Scene::load_with(path, &overrides);
+        let meshes = scene.as_ref().map_or_else(|_| Ok(Vec::new()), check_meshes);
         match arguments.format {
-            Format::Text => print_text(path, &result)?,
-            Format::Json => reports.push(json_report(path, &result)),
+            Format::Text => print_text(path, &scene, &meshes)?,
+            Format::Json => reports.push(json_report(path, &scene, &meshes)),
         }
-        if let Err(error) = result
-            && code == 0
-        {
-            code = Error::from(error).exit_code();
+        let error = scene.err().map(Error::from).or(meshes.err().map(Error::from));
+        if let Some(error) = error.filter(|_| code == 0) {
+            code = error.exit_code();
         }
     }
     if arguments.format == Format::Json {
@@ -30,13 +31,16 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<u8, Error> {
     Ok(code)
 }
 
-fn print_text(path: &Path, result: &Result<Scene, SceneError>) -> Result<(), Error> {
-    match result {
-        Err(error) => log(&error.to_string()),
-        Ok(scene) => {
-            for warning in &scene.warnings {
-                log(&format!("{warning}\n"));
-            }
+/// Warnings about the meshes of a scene.
+type Meshes = Result<Vec<String>, GeometryError>;
+
+fn print_text(path: &Path, scene: &Result<Scene, SceneError>, meshes: &Meshes) -> Result<(), Error> {
+    match (scene, meshes) {
+        (Err(error), _) => log(&error.to_string()),
+        (Ok(_), Err(error)) => log(&format!("error: {error}")),
+        (Ok(scene), Ok(meshes)) => {
+            scene.warnings.iter().for_each(|warning| log(&format!("{warning}\n")));
+            meshes.iter().for_each(|warning| log(warning));
             let (frames, film) = (&scene.settings.frames, &scene.settings.film);
             let [width, height] = film.resolution;
             print_result(&format!(
@@ -51,16 +55,18 @@ fn print_text(path: &Path, result: &Result<Scene, SceneError>) -> Result<(), Err
     Ok(())
 }
 
-fn json_report(path: &Path, result: &Result<Scene, SceneError>) -> Value {
-    let (problems, message) = match result {
-        Ok(scene) => (json!(scene.warnings), None),
+fn json_report(path: &Path, scene: &Result<Scene, SceneError>, meshes: &Meshes) -> Value {
+    let (problems, message) = match scene {
+        Ok(scene) => (json!(scene.warnings), meshes.as_ref().err().map(ToString::to_string)),
         Err(error) => {
             // A file that cannot be read has no problems inside it.
             let inside = error.diagnostics();
             (json!(inside), inside.is_empty().then(|| error.to_string()))
         }
     };
-    json!({"scene": path, "ok": result.is_ok(), "message": message, "problems": problems})
+    let ok = scene.is_ok() && meshes.is_ok();
+    let meshes = meshes.as_deref().unwrap_or_default();
+    json!({"scene": path, "ok": ok, "message": message, "problems": problems, "meshes": meshes})
 }
 
 /// Prints the JSON Schema of scene files.

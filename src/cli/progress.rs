@@ -84,15 +84,6 @@ impl Reporter {
         self.bar.suspend(print)
     }
 
-    /// Says something about the work that is not a result.
-    pub fn note(&self, text: &str) {
-        match self.style {
-            Style::None => {}
-            Style::Json => self.event(json!({"event": "note", "message": text})),
-            Style::Tty | Style::Plain | Style::Auto => self.line(text),
-        }
-    }
-
     /// The work is over.
     pub fn finish(&self, exit_code: u8, message: &str) {
         self.bar.finish_and_clear();
@@ -202,6 +193,14 @@ impl Progress for Reporter {
             self.line(&text);
         }
         state.stage = None;
+    }
+
+    fn note(&self, text: &str) {
+        match self.style {
+            Style::None => {}
+            Style::Json => self.event(json!({"event": "note", "message": text})),
+            Style::Tty | Style::Plain | Style::Auto => self.line(text),
+        }
     }
 
     fn is_cancelled(&self) -> bool {

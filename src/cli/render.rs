@@ -8,6 +8,7 @@ use crate::cli::{log, print_result, report};
 use crate::error::Error;
 use crate::output::frames::{check_distinct, spell};
 use crate::pipeline::{self, FrameOutcome, RenderJob};
+use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::scene::pattern::Pattern;
 use std::path::PathBuf;

@@ -90,18 +90,13 @@ impl fmt::Display for MeshReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} vertices, {} triangles", self.vertex_count, self.triangle_count)?;
         let counts = [
-            (self.open_edges, "open edge", ": the mesh is not closed, and inside is a guess"),
-            (self.non_manifold_edges, "edge shared by more than two triangles", ""),
-            (self.flipped_edges, "edge between triangles that face opposite sides", ""),
-            (self.degenerate_triangles, "triangle without area, left out", ""),
+            (self.open_edges, "open edge", "open edges", ": the mesh is not closed, and inside is a guess"),
+            (self.non_manifold_edges, "edge", "edges", " shared by more than two triangles"),
+            (self.flipped_edges, "edge", "edges", " between triangles that face opposite sides"),
+            (self.degenerate_triangles, "triangle", "triangles", " without area, left out"),
         ];
-        for (count, what, advice) in counts.into_iter().filter(|(count, ..)| *count > 0) {
-            let (noun, rest) = what.split_once(' ').unwrap_or((what, ""));
-            let (noun, rest) = if noun == "open" { (rest, "") } else { (noun, rest) };
-            let kind = if what.starts_with("open") { "open " } else { "" };
-            let plural = if count == 1 { "" } else { "s" };
-            let space = if rest.is_empty() { "" } else { " " };
-            write!(f, "; {count} {kind}{noun}{plural}{space}{rest}{advice}")?;
+        for (count, one, many, what) in counts.into_iter().filter(|(count, ..)| *count > 0) {
+            write!(f, "; {count} {}{what}", if count == 1 { one } else { many })?;
         }
         if self.was_inside_out {
             write!(f, "; all triangles faced inwards and were turned round")?;

@@ -129,22 +129,14 @@ impl Geometry {
         placement: &Similarity,
         visible: bool,
     ) -> Result<Shape, GeometryError> {
-        let place = |key: &str| {
-            let key = format!("shapes.{name}.mesh.{key}");
-            Box::new(PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key })
-        };
-        let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
-        let mesh = read_mesh(&scene.resolve(&settings.file), limit)
-            .map_err(|source| GeometryError::MeshFile { place: place("file"), source })?;
-        let is_obstacle = scene.settings.flow.obstacles.iter().any(|obstacle| obstacle == name);
-        let report = mesh.report();
-        if !report.is_clean() && (is_obstacle || report.was_inside_out || report.degenerate_triangles > 0) {
-            self.warnings.push(format!("{}{report}", place("file")));
-        }
+        let limit = memory_limit(scene);
+        let is_obstacle = is_obstacle(scene, name);
+        let (mesh, warning) = read(scene, name, settings)?;
+        self.warnings.extend(warning);
         let sdf = if is_obstacle {
             let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
             let sampled = MeshSdf::sample(&mesh, spacing, limit)
-                .map_err(|source| GeometryError::Distance { place: place("distance_voxel"), source })?;
+                .map_err(|source| GeometryError::Distance { place: place(scene, name, "distance_voxel"), source })?;
             Some(Arc::new(PlacedSdf::new(Sdf::Mesh(Arc::new(sampled)), *placement)))
         } else {
             None
@@ -169,6 +161,46 @@ impl Geometry {
         }
         Ok(builder.commit()?)
     }
+}
+
+/// What is likely a mistake in the meshes of a scene; builds nothing.
+///
+/// # Errors
+/// Where a mesh is missing, faulty or too large.
+pub fn check_meshes(scene: &Scene) -> Result<Vec<String>, GeometryError> {
+    let mut warnings = Vec::new();
+    for (name, shape) in &scene.settings.shapes {
+        if let Some(mesh) = &shape.mesh {
+            warnings.extend(read(scene, name, mesh)?.1);
+        }
+    }
+    Ok(warnings)
+}
+
+/// A mesh as its file has it, and what is likely a mistake in it.
+fn read(scene: &Scene, name: &str, settings: &settings::Mesh) -> Result<(Mesh, Option<String>), GeometryError> {
+    let place = place(scene, name, "file");
+    let mesh = match read_mesh(&scene.resolve(&settings.file), memory_limit(scene)) {
+        Ok(mesh) => mesh,
+        Err(source) => return Err(GeometryError::MeshFile { place, source }),
+    };
+    let report = mesh.report();
+    let matters = is_obstacle(scene, name) || report.was_inside_out || report.degenerate_triangles > 0;
+    let warning = (!report.is_clean() && matters).then(|| format!("warning: {place}{} has {report}", settings.file));
+    Ok((mesh, warning))
+}
+
+fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {
+    let key = format!("shapes.{name}.mesh.{key}");
+    Box::new(PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key })
+}
+
+fn is_obstacle(scene: &Scene, name: &str) -> bool {
+    scene.settings.flow.obstacles.iter().any(|obstacle| obstacle == name)
+}
+
+fn memory_limit(scene: &Scene) -> u64 {
+    (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64
 }
 
 fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity) -> Shape {
