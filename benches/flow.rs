@@ -1,9 +1,9 @@
 //! Noise, velocity with its curl, and steps of particles: throughput of one thread, and of all.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use curlsmoke::flow::field::{FieldSpan, Source, VelocityField};
+use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
 use curlsmoke::flow::flow_noise::Spin;
-use curlsmoke::flow::noise::gradient_noise;
+use curlsmoke::flow::noise::{gradient_noise, seed_words};
 use curlsmoke::flow::obstacles::build_obstacles;
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
 use curlsmoke::geometry::primitive::{Primitive, Sphere};
@@ -30,12 +30,13 @@ fn field(octave_count: u32, has_obstacle: bool) -> VelocityField {
         spin_rate: 0.5,
         scroll: [0.0; 3],
         seed: Seed(1),
+        ..Default::default()
     };
-    let mut sources: Vec<_> = octaves(&settings).into_iter().map(Source::Octave).collect();
-    sources.push(Source::Uniform { velocity: [0.0, 0.8, 0.0], influence: None });
+    let mut sources: Vec<Source> = octaves(&settings).into_iter().map(|o| Potential::Octave(o).into()).collect();
+    sources.push(Source::wind([0.0, 0.8, 0.0]));
     let ball = Primitive::Sphere(Sphere { center: DVec3::ZERO, radius: 0.4 });
     let solids = has_obstacle.then(|| Arc::new(PlacedSdf::new(Sdf::Primitive(ball), Similarity::IDENTITY)));
-    VelocityField::new(sources, build_obstacles(solids.into_iter().collect()))
+    VelocityField::new(sources, build_obstacles(solids))
 }
 
 /// Points within a metre of the origin.
@@ -55,7 +56,7 @@ impl Kernel for Noise<'_> {
         let mut sum = zero;
         for i in (0..x.len()).step_by(Lanes::<S>::WIDTH) {
             let p = [Lanes::load(simd, &x[i..]), Lanes::load(simd, &y[i..]), Lanes::load(simd, &z[i..])];
-            let psi = gradient_noise(p, [0; 3], [1, 2], Spin::advanced(Spin::from_turns(0.1), zero));
+            let psi = gradient_noise(p, [0; 3], seed_words(zero, [1, 2]), Spin::advanced(Spin::from_turns(0.1), zero));
             for c in 0..3 {
                 sum = sum + psi.value[c] + psi.jacobian[c][0] + psi.jacobian[c][1] + psi.jacobian[c][2];
             }
@@ -91,10 +92,10 @@ fn flow(c: &mut Criterion) {
     for (name, scheme) in [("rk2", MIDPOINT), ("rk4", CLASSICAL)] {
         let mut moving = p.clone();
         group.bench_function(format!("advect {name}, one thread"), |b| {
-            one_thread.install(|| b.iter(|| advance(&field, &span, scheme, 1.0 / 24.0, &mut moving, 0..COUNT, None)));
+            one_thread.install(|| b.iter(|| advance(&span, scheme, 1.0 / 24.0, &mut moving, 0..COUNT, None)));
         });
         group.bench_function(format!("advect {name}, all threads"), |b| {
-            b.iter(|| advance(&field, &span, scheme, 1.0 / 24.0, &mut moving, 0..COUNT, None));
+            b.iter(|| advance(&span, scheme, 1.0 / 24.0, &mut moving, 0..COUNT, None));
         });
     }
     group.finish();

@@ -1,5 +1,6 @@
 //! What can fail at the top: each stage's own error, and the exit code that tells scripts which kind it was.
 
+use crate::flow::FlowError;
 use crate::geometry::GeometryError;
 use crate::geometry::embree::EmbreeError;
 use crate::geometry::mesh_file::MeshFileError;
@@ -23,6 +24,9 @@ pub enum Error {
     /// Shapes.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
+    /// The velocity field.
+    #[error(transparent)]
+    Flow(#[from] FlowError),
     /// Particles.
     #[error(transparent)]
     Particles(#[from] ParticlesError),
@@ -71,7 +75,7 @@ impl Error {
             Error::Geometry(e) => geometry_exit_code(e),
             Error::Particles(ParticlesError::OverMemoryLimit { .. }) => 6,
             Error::Particles(ParticlesError::NotFinite { .. }) => 1,
-            Error::Particles(_) | Error::NothingToBake => 3,
+            Error::Particles(_) | Error::Flow(_) | Error::NothingToBake => 3,
             Error::Grid(e) => grid_exit_code(e),
             Error::Vdb(e) => match &e.problem {
                 VdbProblem::Io(io) if io.kind() == std::io::ErrorKind::NotFound => 4,

@@ -1,6 +1,9 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
+mod mask_files;
+
 use crate::error::Error;
+use crate::flow::VelocityField;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
@@ -10,11 +13,12 @@ use crate::output::image::SampleKind;
 use crate::output::sidecar::{self, Sidecar, sidecar_path};
 use crate::output::{self, exr, file, png};
 use crate::particles::ParticleSystem;
+use crate::pipeline::mask_files::SceneFiles;
 use crate::progress::{Progress, Stage};
 use crate::render::environment::RadiancePicture;
 use crate::render::film::{Film, PixelBounds};
 use crate::render::integrator::World;
-use crate::render::{self, tiles};
+use crate::render::{self, RenderError, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
@@ -119,7 +123,9 @@ pub fn bake(
 
 /// What stays the same from frame to frame.
 struct Studio {
-    world: World,
+    geometry: Geometry,
+    /// Of a scene in which no shape moves.
+    world: Option<World>,
     smoke: SmokeSource,
 }
 
@@ -127,9 +133,9 @@ impl Studio {
     fn build(scene: &Scene, progress: &dyn Progress, record: &mut Sidecar) -> Result<Self, Error> {
         timed(progress, Stage::Geometry, record, 0, || {
             let geometry = build_geometry(scene, progress)?;
-            let world = render::build_world(scene, &geometry, &|path| load_picture(path, memory_limit(scene)))?;
+            let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry)?) };
             let smoke = SmokeSource::build(scene, &geometry)?;
-            Ok(Self { world, smoke })
+            Ok(Self { geometry, world, smoke })
         })
     }
 
@@ -144,15 +150,28 @@ impl Studio {
         let grid = self.smoke.grid(scene, frame, progress, record)?;
         let medium = grid.and_then(|grid| render::build_medium(scene, grid));
         let view = render::build_view(scene, frame, crop);
+        let moved;
+        let world = match &self.world {
+            Some(world) => world,
+            None => {
+                let frames = &scene.settings.frames;
+                let time = (f64::from(frame) - f64::from(frames.first)) / frames.fps;
+                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &self.geometry.at(time)))?;
+                &moved
+            }
+        };
         let samples = view.bounds.area() as u64 * u64::from(view.spp);
-        let film = timed(progress, Stage::Render, record, samples, || {
-            tiles::render(&view, &self.world, medium.as_ref(), progress)
-        })?;
+        let film =
+            timed(progress, Stage::Render, record, samples, || tiles::render(&view, world, medium.as_ref(), progress))?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
         record.samples_per_second = samples as f64 / seconds.max(1e-9);
         record.truncated_paths = film.paths.truncated as f64 / film.paths.traced.max(1) as f64;
         Ok(film)
     }
+}
+
+fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, RenderError> {
+    render::build_world(scene, geometry, &|path| load_picture(path, memory_limit(scene)))
 }
 
 fn build_geometry(scene: &Scene, progress: &dyn Progress) -> Result<Geometry, GeometryError> {
@@ -182,7 +201,8 @@ impl SmokeSource {
             shutter_seconds: frames.shutter.map(|s| s / frames.fps),
             memory_limit_bytes: memory_limit(scene),
         };
-        Ok(Self::Particles { system: Box::new(ParticleSystem::build(scene, geometry)?), splat })
+        let field = VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })?;
+        Ok(Self::Particles { system: Box::new(ParticleSystem::build(scene, geometry, field)?), splat })
     }
 
     fn grid(
@@ -311,6 +331,13 @@ impl InputHash {
         for light in &settings.lights {
             if let settings::Light::Environment(e) = light {
                 files.extend(e.file.as_ref().map(|f| scene.resolve(f)));
+            }
+        }
+        for mask in settings.flow.potentials.iter().flat_map(settings::Potential::masks) {
+            match mask {
+                settings::Mask::Image(mask) => files.push(scene.resolve(&mask.file)),
+                settings::Mask::Grid(mask) => files.push(scene.resolve(&mask.file)),
+                _ => {}
             }
         }
         let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;

@@ -3,7 +3,7 @@
 #[path = "support/dual.rs"]
 mod dual;
 
-use curlsmoke::flow::field::{FieldSpan, Source, VelocityField};
+use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
 use curlsmoke::flow::obstacles::build_obstacles;
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
 use curlsmoke::geometry::mesh::Mesh;
@@ -39,12 +39,13 @@ fn swirls(length_scale: f64, speed: f64, count: u32) -> Vec<Source> {
         spin_rate: 0.5,
         scroll: [0.1, 0.2, -0.1],
         seed: Seed(4),
+        ..Default::default()
     };
-    octaves(&settings).into_iter().map(Source::Octave).collect()
+    octaves(&settings).into_iter().map(|o| Potential::Octave(o).into()).collect()
 }
 
 fn wind(velocity: [f64; 3]) -> Source {
-    Source::Uniform { velocity, influence: None }
+    Source::wind(velocity)
 }
 
 fn wind_and_swirls() -> Vec<Source> {
@@ -77,7 +78,7 @@ fn scenes() -> Vec<(&'static str, Vec<Primitive>)> {
 }
 
 fn field(sources: Vec<Source>, primitives: &[Primitive]) -> VelocityField {
-    VelocityField::new(sources, build_obstacles(primitives.iter().map(|&p| placed(p)).collect()))
+    VelocityField::new(sources, build_obstacles(primitives.iter().map(|&p| placed(p))))
 }
 
 fn random_point(rng: &mut CounterRng) -> [f64; 3] {
@@ -99,7 +100,7 @@ fn the_velocity_has_no_divergence() {
         let (mut worst, mut square, mut count) = (0.0f64, 0.0, 0);
         while count < 3000 {
             let p = random_point(&mut rng);
-            if field.distance(p) < 0.0 {
+            if field.distance(p, 0.0) < 0.0 {
                 continue;
             }
             let (_, j) = with_jacobian(&span, p, 0.3);
@@ -173,7 +174,7 @@ fn a_mesh_is_a_wall_like_any_other() {
     let (mut divergence, mut square, mut count) = (0.0, 0.0, 0);
     while count < 500 {
         let p = random_point(&mut rng);
-        if field.distance(p) > 0.01 {
+        if field.distance(p, 0.0) > 0.01 {
             let j = curlsmoke::flow::curl::central_jacobian(|q| span.velocity(q, 0.3), p, 1e-5);
             divergence += (j[0][0] + j[1][1] + j[2][2]).powi(2);
             square += j.iter().flatten().map(|x| x * x).sum::<f64>();
@@ -185,7 +186,7 @@ fn a_mesh_is_a_wall_like_any_other() {
 
     let points: Vec<[f32; 3]> = (0..2000)
         .map(|_| random_point(&mut rng).map(|x| x as f32))
-        .filter(|p| field.distance(p.map(f64::from)) > 1e-3)
+        .filter(|p| field.distance(p.map(f64::from), 0.0) > 1e-3)
         .collect();
     let worst = run_kernel(WorstDifference { span: &span, points: &points });
     println!("mesh: lanes differ by at most {worst:.1e}");
@@ -355,7 +356,7 @@ fn lanes_agree_with_the_scalar_truth() {
         let mut rng = CounterRng::new(Seed(7));
         let points: Vec<[f32; 3]> = (0..4000)
             .map(|_| random_point(&mut rng).map(|x| x as f32))
-            .filter(|p| field.distance(p.map(f64::from)) > 1e-3)
+            .filter(|p| field.distance(p.map(f64::from), 0.0) > 1e-3)
             .collect();
         let worst = run_kernel(WorstDifference { span: &span, points: &points });
         println!("{name}: lanes differ by at most {worst:.1e}");

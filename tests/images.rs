@@ -2,6 +2,8 @@
 //!
 //! `make refs REASON="…"` remakes the references; a picture that fails is kept in `tests/failed/` with a map of where.
 
+use curlsmoke::flow::VelocityField;
+use curlsmoke::flow::build::NoFiles;
 use curlsmoke::geometry::Geometry;
 use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
 use curlsmoke::math::hash::Seed;
@@ -31,7 +33,8 @@ fn picture(name: &str, spp: Option<u32>, seed: u64, overrides: &[(&str, &str)]) 
     let geometry = Geometry::build(&scene, &Silent).expect("geometry");
     let world = render::build_world(&scene, &geometry, &|_| Err("no pictures here".into())).expect("world");
     let medium = scene.settings.smoke.as_ref().and_then(|smoke| {
-        let mut system = ParticleSystem::build(&scene, &geometry).expect("particles");
+        let field = VelocityField::build(&scene, &geometry, &NoFiles).expect("flow");
+        let mut system = ParticleSystem::build(&scene, &geometry, field).expect("particles");
         let particles = system.at_frame(1, &Silent).expect("frame 1");
         let input = SplatInput {
             position: particles.position.each_ref().map(Vec::as_slice),

@@ -1,6 +1,6 @@
 //! Properties of particles: frames that stand alone, and obstacles that nothing enters.
 
-use curlsmoke::flow::field::{Source, VelocityField};
+use curlsmoke::flow::field::{Potential, Source, VelocityField};
 use curlsmoke::flow::obstacles::build_obstacles;
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
 use curlsmoke::geometry::primitive::{Cuboid, Primitive, Sphere, Torus};
@@ -26,9 +26,10 @@ fn field() -> VelocityField {
         spin_rate: 0.5,
         scroll: [0.0, 0.4, 0.0],
         seed: Seed(4),
+        ..Default::default()
     };
-    let mut sources: Vec<_> = octaves(&swirls).into_iter().map(Source::Octave).collect();
-    sources.push(Source::Uniform { velocity: [0.0, 0.8, 0.0], influence: None });
+    let mut sources: Vec<Source> = octaves(&swirls).into_iter().map(|o| Potential::Octave(o).into()).collect();
+    sources.push(Source::wind([0.0, 0.8, 0.0]));
     let solids = [
         Primitive::Sphere(Sphere { center: DVec3::new(0.1, 0.8, 0.0), radius: 0.3 }),
         Primitive::Torus(Torus { center: DVec3::Y * 1.9, axis: DVec3::Y, major_radius: 0.4, minor_radius: 0.1 }),
@@ -96,7 +97,7 @@ fn after_96_frames_no_particle_is_inside_an_obstacle() {
         }
         let particles = system.at_frame(96, &Silent).unwrap().clone();
         let inside = (0..particles.len())
-            .filter(|&i| system.field().distance([0, 1, 2].map(|a| f64::from(particles.position[a][i]))) < 0.0)
+            .filter(|&i| system.field().distance([0, 1, 2].map(|a| f64::from(particles.position[a][i])), 0.0) < 0.0)
             .count();
         println!(
             "{name}: {} alive of {seen} particle frames, {inside} inside; {} steps of {} corrected, {} born inside",

@@ -53,7 +53,7 @@ fn round_to_half<L: Real>(x: L) -> L {
 ///
 /// The frames of lattice points need no more, and all lanes and the scalar evaluate the same polynomial.
 #[inline(always)]
-fn sin_cos_quarter<L: Real>(t: L) -> (L, L) {
+pub fn sin_cos_quarter<L: Real>(t: L) -> (L, L) {
     let s = t * t;
     let sin = s
         .mul_add(t.lit(1.604_411_847_9e-4), t.lit(-4.681_754_135_3e-3))

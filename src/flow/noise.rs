@@ -5,7 +5,7 @@
 //! hashed from its coordinates, whose axes are the gradients of the three components (see [`crate::flow::flow_noise`]):
 //! the components share corner weights and hash, and are uncorrelated by random signs.
 
-use crate::flow::flow_noise::{LatticeFrame, Spin};
+use crate::flow::flow_noise::{LatticeFrame, Spin, sin_cos_quarter};
 use crate::flow::potential::Psi;
 use crate::math::interpolate::quintic_step;
 use crate::math::real::{Lane, Word, triple};
@@ -27,17 +27,47 @@ pub type NoiseSeed = [u32; 2];
 /// Hash of the sum of strides of a lattice point: two rounds of multiply and shift (the constants of Wellons 2018,
 /// *Prospecting for Hash Functions*, lowest bias found).
 #[inline(always)]
-fn hash<W: Word>(sum: W, seed: u32) -> W {
+fn hash<W: Word>(sum: W, seed: W) -> W {
     let x = sum.xor(sum.shr(16)).mul(sum.lit(0x7FEB_352D));
-    let x = x.xor(x.lit(seed));
+    let x = x.xor(seed);
     let x = x.xor(x.shr(15)).mul(x.lit(0x846C_A68B));
     x.xor(x.shr(16))
+}
+
+/// The words of a seed, in all lanes.
+#[inline(always)]
+pub fn seed_words<L: Lane>(like: L, seed: NoiseSeed) -> [L::Word; 2] {
+    let zero = like.lit(0.0).to_word();
+    [zero.lit(seed[0]), zero.lit(seed[1])]
+}
+
+/// Noise in four dimensions, the fourth being time: each whole step has a pattern of its own, and between two of them
+/// their shares are cosine and sine of an angle that goes by a quintic step from 0 to a right angle. So its mean square is
+/// the same at all times, where the usual weights of lattice noise let it sink to a half between steps.
+///
+/// `time` counts in steps from `step` on.
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+pub fn evolving_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, step: u32, time: L) -> Psi<L> {
+    let whole = time.floor();
+    let (sin, cos) = sin_cos_quarter(quintic_step(time - whole).0);
+    let shares = [cos, sin];
+    let [place, pattern] = seed_words(time, seed);
+    let now = whole.to_word().add(place.lit(step));
+    let still = Spin::advanced(Spin::from_turns(0.0), time.lit(0.0));
+    let mut psi = Psi::zero(time);
+    for k in 0..2 {
+        let step = now.add(now.lit(k as u32));
+        let seed = [place, pattern.xor(step.mul(step.lit(STRIDE[0])))];
+        psi = psi.plus(&gradient_noise(p, cell, seed, still).scaled(shares[k]));
+    }
+    psi
 }
 
 /// Noise of unit lattice at `p`, where lattice coordinates are counted from `cell`; gradients turned by `spin`.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, spin: Spin<L>) -> Psi<L> {
+pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: [L::Word; 2], spin: Spin<L>) -> Psi<L> {
     let one = p[0].lit(1.0);
     let base = triple!(a => p[a].floor());
     let offset: [[L; 2]; 3] = triple!(a => [p[a] - base[a], p[a] - base[a] - one]);
@@ -52,7 +82,7 @@ pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, spin:
 
     let mut psi = Psi::zero(one);
     for k in 0..2 {
-        let stride_z = stride[2][k].add(stride[2][k].lit(seed[0]));
+        let stride_z = stride[2][k].add(seed[0]);
         for j in 0..2 {
             let stride_yz = stride[1][j].add(stride_z);
             let weight_yz = weight[1][j] * weight[2][k];
@@ -84,7 +114,7 @@ mod tests {
     use crate::math::hash::{CounterRng, Seed};
 
     fn noise(p: [f64; 3], turns: f64) -> Psi<f64> {
-        gradient_noise(p, [0; 3], [17, 99], Spin::from_turns(turns))
+        gradient_noise(p, [0; 3], seed_words(p[0], [17, 99]), Spin::from_turns(turns))
     }
 
     fn random_point(rng: &mut CounterRng) -> [f64; 3] {

@@ -10,10 +10,12 @@
 //! normal is not smooth where they meet), and the flow between them dies down.
 
 use crate::flow::ramp::{UnitNormal, smooth_min, unit_normal};
-use crate::geometry::primitive::Primitive;
+use crate::geometry::motion::{Motion, RigidSpan};
+use crate::geometry::primitive::{HalfSpace, Primitive};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::math::aabb::Aabb;
 use crate::math::jet::Scalar;
-use crate::math::real::{Lane, triple};
+use crate::math::real::{Lane, dot, triple};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -27,10 +29,42 @@ const SHARP_ROUNDING: f64 = 0.5;
 /// Share of the way to an obstacle's own ridge at which its influence must have ended.
 const REACH_USED: f64 = 0.8;
 
+/// What the flow does at a wall.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Boundary {
+    /// It slides along.
+    #[default]
+    Slip,
+    /// It moves with the wall.
+    NoSlip,
+}
+
+/// A solid that the flow must not pass.
+#[derive(Debug, Clone)]
+pub struct Wall {
+    /// Its distance, where it rests.
+    pub sdf: Arc<PlacedSdf>,
+    /// How it moves; at rest where `None`.
+    pub motion: Option<Arc<Motion>>,
+    /// What the flow does at it.
+    pub boundary: Boundary,
+    /// Whether the flow is inside.
+    pub is_container: bool,
+}
+
+impl From<Arc<PlacedSdf>> for Wall {
+    fn from(sdf: Arc<PlacedSdf>) -> Self {
+        Self { sdf, motion: None, boundary: Boundary::Slip, is_container: false }
+    }
+}
+
 /// One or several solids that act as one wall.
 #[derive(Debug, Clone)]
 pub struct Obstacle {
     solids: Vec<Arc<PlacedSdf>>,
+    motion: Option<Arc<Motion>>,
+    boundary: Boundary,
+    is_container: bool,
     reference: DVec3,
     size: f64,
     reach: f64,
@@ -38,7 +72,7 @@ pub struct Obstacle {
     has_smooth_normal: bool,
     plane_normal: Option<DVec3>,
     hole: Option<Hole>,
-    /// Middle and half size of a box around, `None` where there is no end.
+    /// Middle and half size of a box around, in every pose; `None` where there is no end.
     bounds: Option<(DVec3, DVec3)>,
 }
 
@@ -54,22 +88,32 @@ pub struct Hole {
 }
 
 impl Obstacle {
-    fn new(solids: Vec<Arc<PlacedSdf>>) -> Self {
+    fn new(walls: &[&Wall]) -> Self {
+        let solids: Vec<Arc<PlacedSdf>> = walls.iter().map(|wall| wall.sdf.clone()).collect();
+        let first = walls[0];
         let bounded: Vec<_> = solids.iter().filter(|s| s.bounds().is_some()).collect();
         let is_endless = bounded.len() < solids.len();
         let middle = |s: &PlacedSdf| s.center().0.as_dvec3();
         let bounds = bounded.iter().filter_map(|s| s.bounds()).reduce(|a, b| a.union(&b));
         let reference = bounds.map_or_else(|| middle(&solids[0]), |b| b.center().as_dvec3());
-        let is_single = solids.len() == 1;
+        let is_plain = solids.len() == 1 && first.motion.is_none() && !first.is_container;
+        let half_size = |b: &Aabb| {
+            let half = 0.5 * b.size().as_dvec3();
+            // Whichever way it turns.
+            if first.motion.is_some() { DVec3::splat(half.length()) } else { half }
+        };
         Self {
             reference,
             size: bounds.map_or(ENDLESS_INFLUENCE, |b| 0.5 * f64::from(b.size().max_element())),
-            reach: solids.iter().map(|s| reach(s)).fold(f64::INFINITY, f64::min),
-            has_smooth_normal: is_single && has_smooth_normal(&solids[0]),
-            plane_normal: if is_single { plane_normal(&solids[0]) } else { None },
-            hole: if is_single { hole(&solids[0]) } else { None },
-            bounds: bounds.filter(|_| !is_endless).map(|b| (b.center().as_dvec3(), 0.5 * b.size().as_dvec3())),
-            solids,
+            reach: solids.iter().map(|s| reach(s, first.is_container)).fold(f64::INFINITY, f64::min),
+            has_smooth_normal: solids.len() == 1 && has_smooth_normal(&solids[0]),
+            plane_normal: if is_plain { plane_normal(&solids[0]) } else { None },
+            hole: if is_plain { hole(&solids[0]) } else { None },
+            bounds: bounds.filter(|_| !is_endless).map(|b| (b.center().as_dvec3(), half_size(&b))),
+            motion: first.motion.clone(),
+            boundary: first.boundary,
+            is_container: first.is_container,
+            solids: if first.is_container { solids.iter().flat_map(container_walls).collect() } else { solids },
         }
     }
 
@@ -103,30 +147,93 @@ impl Obstacle {
         self.hole
     }
 
-    /// The solids that act as one.
+    /// What the flow does at its wall.
+    pub fn boundary(&self) -> Boundary {
+        self.boundary
+    }
+
+    /// Its motion over a span of time [s]; `None` where it is at rest.
+    pub fn span(&self, start: f64, duration: f64) -> Option<RigidSpan> {
+        self.motion.as_ref().map(|motion| motion.span(self.reference, start, duration))
+    }
+
+    /// The solids that act as one, where they rest.
     pub fn solids(&self) -> &[Arc<PlacedSdf>] {
         &self.solids
     }
 
-    /// False when every lane is certainly further away than `margin` [m].
+    /// False when every lane is certainly further away than `margin` [m]. `motion` and `phase` say where it is.
     #[inline(always)]
-    pub fn may_be_within<L: Lane>(&self, p: [L; 3], margin: f64) -> bool {
-        let Some((middle, half)) = self.bounds else { return true };
-        let outside: [L; 3] = triple!(i => (p[i] - p[i].lit(middle[i])).abs() - p[i].lit(half[i]));
+    pub fn may_be_within<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L, margin: f64) -> bool {
+        let Some((middle, half)) = self.bounds.filter(|_| !self.is_container) else { return true };
+        let middle = match motion {
+            Some(motion) => motion.center(phase),
+            None => triple!(i => p[i].lit(middle[i])),
+        };
+        let outside: [L; 3] = triple!(i => (p[i] - middle[i]).abs() - p[i].lit(half[i]));
         outside[0].max(outside[1]).max(outside[2]).any_lt(p[0].lit(margin))
+    }
+
+    /// Signed distance [m], negative where the flow must not be.
+    #[inline(always)]
+    pub fn distance<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L) -> L {
+        let p = match motion {
+            Some(motion) => motion.to_rest(p, phase).0,
+            None => p,
+        };
+        let mut least = p[0].lit(f64::INFINITY);
+        for solid in &self.solids {
+            let own = solid.distance(p);
+            least = least.min(if self.is_inverted() { -own } else { own });
+        }
+        least
+    }
+
+    /// Gradient of the distance to the closest of the solids.
+    pub fn gradient(&self, motion: Option<&RigidSpan>, p: [f64; 3], phase: f64) -> DVec3 {
+        let (rest, m) = motion.map_or((p, triple!(i => DVec3::AXES[i].to_array())), |motion| motion.to_rest(p, phase));
+        let sign = if self.is_inverted() { -1.0 } else { 1.0 };
+        let all = self.solids.iter().map(|solid| at_f64(solid, DVec3::from_array(rest)));
+        let closest = all.min_by(|a, b| (sign * a.value).total_cmp(&(sign * b.value)));
+        let own = closest.map_or([0.0; 3], |d| d.gradient);
+        DVec3::from_array(triple!(i => sign * dot(m[i], own)))
+    }
+
+    /// Containers other than boxes, which are made of planes that face inwards.
+    fn is_inverted(&self) -> bool {
+        self.is_container && self.solids.len() == 1
     }
 
     /// Signed distance [m] with its gradient, and the normal with its derivatives where equation 5 applies.
     #[inline(always)]
-    pub fn wall<L: Lane>(&self, p: [L; 3]) -> (Scalar<L>, Option<UnitNormal<L>>) {
+    pub fn wall<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L) -> (Scalar<L>, Option<UnitNormal<L>>) {
+        let Some(motion) = motion else { return self.wall_at_rest(p) };
+        let (p, m) = motion.to_rest(p, phase);
+        let (distance, normal) = self.wall_at_rest(p);
+        let turned = |v: [L; 3]| -> [L; 3] { triple!(i => dot(m[i], v)) };
+        let normal = normal.map(|(n, d)| {
+            // Mᵀ on the right: how the normal changes along the axes of the world.
+            let along: [[L; 3]; 3] = triple!(c => triple!(i => dot(d[c], m[i])));
+            let columns: [[L; 3]; 3] = triple!(i => turned([along[0][i], along[1][i], along[2][i]]));
+            (turned(n), triple!(c => triple!(i => columns[i][c])))
+        });
+        (Scalar { value: distance.value, gradient: turned(distance.gradient) }, normal)
+    }
+
+    #[inline(always)]
+    fn wall_at_rest<L: Lane>(&self, p: [L; 3]) -> (Scalar<L>, Option<UnitNormal<L>>) {
         if self.has_smooth_normal
             && let Some(jet) = self.solids[0].jet(p)
         {
+            let jet = if self.is_inverted() { -jet } else { jet };
             return (jet.scalar(), Some(unit_normal(&jet)));
         }
         let mut joint: Option<Scalar<L>> = None;
         for solid in &self.solids {
-            let own = solid.at(p);
+            let mut own = solid.at(p);
+            if self.is_inverted() {
+                own = Scalar { value: -own.value, gradient: triple!(i => -own.gradient[i]) };
+            }
             joint = Some(match joint {
                 None => own,
                 Some(a) => {
@@ -139,12 +246,28 @@ impl Obstacle {
     }
 }
 
+/// What a container is made of: a box of six half spaces, whose distances join smoothly where the box's own has a ridge
+/// from each edge inwards; anything else of itself.
+fn container_walls(solid: &Arc<PlacedSdf>) -> Vec<Arc<PlacedSdf>> {
+    let Sdf::Primitive(Primitive::Cuboid(cuboid)) = solid.sdf() else { return vec![solid.clone()] };
+    let faces = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+    faces
+        .map(|out| {
+            let plane = HalfSpace { point: cuboid.center + out * cuboid.half_size, normal: -out };
+            Arc::new(PlacedSdf::new(Sdf::Primitive(Primitive::HalfSpace(plane)), *solid.placement()))
+        })
+        .collect()
+}
+
 /// Distance from the wall at which the solid's outer distance has a ridge of its own [m].
-fn reach(solid: &PlacedSdf) -> f64 {
-    match solid.sdf() {
-        Sdf::Primitive(Primitive::Torus(t)) => {
-            f64::from(solid.placement().scale) * (t.major_radius - t.minor_radius).max(1e-6)
-        }
+fn reach(solid: &PlacedSdf, is_container: bool) -> f64 {
+    let scale = f64::from(solid.placement().scale);
+    match (solid.sdf(), is_container) {
+        (Sdf::Primitive(Primitive::Torus(t)), false) => scale * (t.major_radius - t.minor_radius).max(1e-6),
+        (Sdf::Primitive(Primitive::Torus(t)), true) => scale * t.minor_radius,
+        (Sdf::Primitive(Primitive::Sphere(s)), true) => scale * s.radius,
+        (Sdf::Primitive(Primitive::Capsule(c)), true) => scale * c.radius,
+        (Sdf::Primitive(Primitive::Cuboid(c)), true) => scale * c.half_size.min_element(),
         _ => f64::INFINITY,
     }
 }
@@ -209,7 +332,7 @@ fn starts(solid: &PlacedSdf) -> impl Iterator<Item = DVec3> {
 
 /// The distance with its gradient in double precision, compiled once.
 #[inline(never)]
-pub fn at_f64(solid: &PlacedSdf, p: DVec3) -> Scalar<f64> {
+fn at_f64(solid: &PlacedSdf, p: DVec3) -> Scalar<f64> {
     solid.at(p.to_array())
 }
 
@@ -223,19 +346,26 @@ fn project(solid: &PlacedSdf, p: DVec3) -> DVec3 {
     q
 }
 
-/// Joins solids that touch, and draws the reference points of the others towards their gaps.
-pub fn build_obstacles(solids: Vec<Arc<PlacedSdf>>) -> Vec<Obstacle> {
+/// Joins solids that touch, and draws the reference points of the others towards their gaps. Containers and what moves
+/// stay alone: what touches them has its own ramp to the wall, however narrow.
+pub fn build_obstacles(walls: impl IntoIterator<Item: Into<Wall>>) -> Vec<Obstacle> {
+    let walls: Vec<Wall> = walls.into_iter().map(Into::into).collect();
     let size = |s: &PlacedSdf| f64::from(s.bounding_radius());
-    let mut group: Vec<usize> = (0..solids.len()).collect();
+    let solids: Vec<&PlacedSdf> = walls.iter().map(|wall| wall.sdf.as_ref()).collect();
+    let is_alone = |wall: &Wall| wall.motion.is_some() || wall.is_container;
+    let mut group: Vec<usize> = (0..walls.len()).collect();
     let mut gaps = Vec::new();
-    for i in 0..solids.len() {
+    for i in 0..walls.len() {
         for j in 0..i {
-            let scale = size(&solids[i]).min(size(&solids[j]));
+            if is_alone(&walls[i]) || is_alone(&walls[j]) || walls[i].boundary != walls[j].boundary {
+                continue;
+            }
+            let scale = size(solids[i]).min(size(solids[j]));
             // Two half spaces meet somewhere, or one holds the other, or they never come near: no gap to look after.
             if scale.is_infinite() {
                 continue;
             }
-            let (width, on_i, on_j) = gap(&solids[i], &solids[j]);
+            let (width, on_i, on_j) = gap(solids[i], solids[j]);
             if width <= SLIT * scale {
                 let (from, to) = (group[i], group[j]);
                 group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
@@ -251,8 +381,8 @@ pub fn build_obstacles(solids: Vec<Arc<PlacedSdf>>) -> Vec<Obstacle> {
         .into_iter()
         .map(|label| {
             let is_mine = |i: usize| group[i] == label;
-            let members = solids.iter().enumerate().filter(|(i, _)| is_mine(*i)).map(|(_, s)| s.clone()).collect();
-            let mut obstacle = Obstacle::new(members);
+            let members: Vec<&Wall> = walls.iter().enumerate().filter(|(i, _)| is_mine(*i)).map(|(_, w)| w).collect();
+            let mut obstacle = Obstacle::new(&members);
             let (mut sum, mut total) = (obstacle.reference, 1.0);
             for &(i, j, weight, on_i, on_j) in &gaps {
                 if is_mine(i) != is_mine(j) && (is_mine(i) || is_mine(j)) {
@@ -269,7 +399,7 @@ pub fn build_obstacles(solids: Vec<Arc<PlacedSdf>>) -> Vec<Obstacle> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::primitive::{HalfSpace, Sphere};
+    use crate::geometry::primitive::Sphere;
     use crate::math::space::Similarity;
 
     fn sphere(x: f64, radius: f64) -> Arc<PlacedSdf> {
@@ -314,9 +444,9 @@ mod tests {
         let obstacle = &build_obstacles(vec![sphere(0.0, 1.0), sphere(1.5, 1.0)])[0];
         assert!(!obstacle.has_smooth_normal);
         for p in [[-1.0, 0.0, 0.0], [2.5, 0.0, 0.0], [0.0, 1.0, 0.0]] {
-            assert!(obstacle.wall::<f64>(p).0.value.abs() < 1e-12);
+            assert!(obstacle.wall::<f64>(None, p, 0.0).0.value.abs() < 1e-12);
         }
-        assert!(obstacle.wall([0.75f64, 0.0, 0.0]).0.value < 0.0);
-        assert!(obstacle.wall([0.75f64, 1.5, 0.0]).0.value > 0.0);
+        assert!(obstacle.wall(None, [0.75f64, 0.0, 0.0], 0.0).0.value < 0.0);
+        assert!(obstacle.wall(None, [0.75f64, 1.5, 0.0], 0.0).0.value > 0.0);
     }
 }

@@ -1,10 +1,11 @@
 //! Swirls of many sizes: octaves of noise, each with its length, speed, spin, place and orientation.
 
 use crate::flow::flow_noise::Spin;
-use crate::flow::noise::{NoiseSeed, RMS_SPEED, gradient_noise};
+use crate::flow::noise::{NoiseSeed, RMS_SPEED, evolving_noise, gradient_noise, seed_words};
 use crate::flow::potential::Psi;
 use crate::math::hash::{CounterRng, Seed};
-use crate::math::real::{Lane, triple};
+use crate::math::real::{Lane, dot, triple};
+use glam::DVec3;
 use rand_core::Rng;
 
 /// What a noise term is made of.
@@ -22,10 +23,34 @@ pub struct OctavesSettings {
     pub gain: f64,
     /// Turns per second of the gradients of the largest swirls.
     pub spin_rate: f64,
+    /// Replacements per second of the largest swirls by others: noise in four dimensions. Excludes `spin_rate`.
+    pub evolve_rate: f64,
+    /// Swirls in the planes across this direction alone.
+    pub planar: Option<DVec3>,
+    /// How far the pattern is moved [m].
+    pub offset: [f64; 3],
     /// Velocity of the pattern [m/s].
     pub scroll: [f64; 3],
     /// Which pattern.
     pub seed: Seed,
+}
+
+impl Default for OctavesSettings {
+    fn default() -> Self {
+        Self {
+            length_scale: 1.0,
+            speed: 1.0,
+            octaves: 3,
+            lacunarity: 2.0,
+            gain: kolmogorov_gain(2.0),
+            spin_rate: 0.0,
+            evolve_rate: 0.0,
+            planar: None,
+            offset: [0.0; 3],
+            scroll: [0.0; 3],
+            seed: Seed(0),
+        }
+    }
 }
 
 /// The factor on speed from one octave to the next in Kolmogorov's inertial range, where the speed of swirls of size L
@@ -40,13 +65,24 @@ pub struct Octave {
     length: f64,
     /// Factor on unit noise [m²/s].
     amplitude: f64,
-    spin_rate: f64,
+    time: Time,
+    planar: Option<DVec3>,
     scroll: [f64; 3],
+    offset: [f64; 3],
     /// Rows: the axes of this octave's lattice.
     axes: [[f64; 3]; 3],
     /// Lattice coordinates of the world's origin at time 0.
     origin: [f64; 3],
     seed: NoiseSeed,
+}
+
+/// How swirls change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Time {
+    /// Their gradients turn, so many times a second.
+    Spin(f64),
+    /// They give way to others, so many times a second.
+    Evolve(f64),
 }
 
 /// An [`Octave`] over a span of time.
@@ -58,9 +94,16 @@ pub struct OctaveSpan {
     fraction: [f64; 3],
     /// Of the origin over the span, in lattice units.
     motion: [f64; 3],
-    spin: Spin<f64>,
-    /// Over the span.
-    turns: f64,
+    change: Change,
+}
+
+/// How swirls change over a span.
+#[derive(Debug, Clone)]
+enum Change {
+    /// Turned so far at the start, and by so many turns more over the span.
+    Spin { start: Spin<f64>, turns: f64 },
+    /// Between patterns `step` and the next, at the share `start` of the way and over the span by `more` further.
+    Evolve { step: u32, start: f64, more: f64 },
 }
 
 /// The octaves of a noise term, largest first.
@@ -77,8 +120,14 @@ pub fn octaves(settings: &OctavesSettings) -> Vec<Octave> {
             Octave {
                 length,
                 amplitude: speed * length / RMS_SPEED,
-                spin_rate: settings.spin_rate * frequency,
+                time: if settings.evolve_rate > 0.0 {
+                    Time::Evolve(settings.evolve_rate * frequency)
+                } else {
+                    Time::Spin(settings.spin_rate * frequency)
+                },
+                planar: settings.planar.map(DVec3::normalize),
                 scroll: settings.scroll,
+                offset: settings.offset,
                 axes: random_axes(&mut rng),
                 origin: std::array::from_fn(|_| f64::from(rng.next_u32() >> 12) + f64::from(rng.uniform())),
                 seed: [rng.next_u32(), rng.next_u32()],
@@ -107,20 +156,30 @@ impl Octave {
         self.amplitude * RMS_SPEED / self.length
     }
 
+    /// Whether it is a stream function in planes.
+    pub fn is_planar(&self) -> bool {
+        self.planar.is_some()
+    }
+
     /// The octave from `start` [s], lasting `duration` [s].
     pub fn span(&self, start: f64, duration: f64) -> OctaveSpan {
-        let scroll: [f64; 3] = std::array::from_fn(|j| {
-            let axis = self.axes[j];
-            -(axis[0] * self.scroll[0] + axis[1] * self.scroll[1] + axis[2] * self.scroll[2]) / self.length
-        });
-        let origin: [f64; 3] = std::array::from_fn(|j| self.origin[j] + scroll[j] * start);
+        let to_lattice = |v: [f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|j| -(0..3).map(|i| self.axes[j][i] * v[i]).sum::<f64>() / self.length)
+        };
+        let (scroll, offset) = (to_lattice(self.scroll), to_lattice(self.offset));
+        let origin: [f64; 3] = std::array::from_fn(|j| self.origin[j] + offset[j] + scroll[j] * start);
         OctaveSpan {
             octave: self.clone(),
             cell: origin.map(|x| x.floor() as i64 as u32),
             fraction: origin.map(|x| x - x.floor()),
             motion: scroll.map(|x| x * duration),
-            spin: Spin::from_turns(self.spin_rate * start),
-            turns: self.spin_rate * duration,
+            change: match self.time {
+                Time::Spin(rate) => Change::Spin { start: Spin::from_turns(rate * start), turns: rate * duration },
+                Time::Evolve(rate) => {
+                    let now = rate * start;
+                    Change::Evolve { step: now.floor() as i64 as u32, start: now - now.floor(), more: rate * duration }
+                }
+            },
         }
     }
 }
@@ -143,6 +202,14 @@ impl OctaveSpan {
     #[inline(always)]
     fn psi_here<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         let octave = &self.octave;
+        let p = match octave.planar {
+            Some(normal) => {
+                let n: [L; 3] = triple!(i => phase.lit(normal[i]));
+                let height = dot(n, p);
+                triple!(i => p[i] - height * n[i])
+            }
+            None => p,
+        };
         let inverse = 1.0 / octave.length;
         let to_lattice: [[L; 3]; 3] = triple!(j => triple!(i => phase.lit(octave.axes[j][i] * inverse)));
         let q: [L; 3] = triple!(j => {
@@ -150,8 +217,20 @@ impl OctaveSpan {
             let row = to_lattice[j];
             row[0].mul_add(p[0], row[1].mul_add(p[1], row[2].mul_add(p[2], moved)))
         });
-        let spin = Spin::advanced(self.spin, phase.lit(self.turns) * phase);
-        let unit = gradient_noise(q, self.cell, octave.seed, spin);
+        let unit = match &self.change {
+            Change::Spin { start, turns } => {
+                let spin = Spin::advanced(*start, phase.lit(*turns) * phase);
+                gradient_noise(q, self.cell, seed_words(phase, octave.seed), spin)
+            }
+            Change::Evolve { step, start, more } => {
+                let time = phase.mul_add(phase.lit(*more), phase.lit(*start));
+                evolving_noise(q, self.cell, octave.seed, *step, time)
+            }
+        };
+        let unit = match octave.planar {
+            Some(normal) => self.planar(&unit, normal),
+            None => unit,
+        };
         let amplitude = phase.lit(octave.amplitude);
         let scaled: [[L; 3]; 3] = triple!(j => triple!(i => to_lattice[j][i] * amplitude));
         Psi {
@@ -166,6 +245,27 @@ impl OctaveSpan {
     }
 }
 
+impl OctaveSpan {
+    /// The first component alone, along `normal` and without its change along it: a stream function in the planes
+    /// across, with a third of the mean square speed that all three components have.
+    #[inline(always)]
+    fn planar<L: Lane>(&self, unit: &Psi<L>, normal: DVec3) -> Psi<L> {
+        let one = unit.value[0];
+        // The jacobian is along lattice axes.
+        let n: [L; 3] = triple!(j => {
+            let axis = self.octave.axes[j];
+            one.lit(axis[0] * normal.x + axis[1] * normal.y + axis[2] * normal.z)
+        });
+        let along = dot(unit.jacobian[0], n);
+        let flat: [L; 3] = triple!(j => unit.jacobian[0][j] - along * n[j]);
+        let factor = one.lit(3f64.sqrt());
+        Psi {
+            value: triple!(c => unit.value[0] * factor * one.lit(normal[c])),
+            jacobian: triple!(c => triple!(j => flat[j] * factor * one.lit(normal[c]))),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -175,12 +275,10 @@ mod tests {
         OctavesSettings {
             length_scale: 0.7,
             speed: 1.3,
-            octaves: 3,
-            lacunarity: 2.0,
-            gain: kolmogorov_gain(2.0),
             spin_rate: 0.4,
             scroll: [0.3, -0.2, 0.5],
             seed: Seed(3),
+            ..Default::default()
         }
     }
 
@@ -202,6 +300,52 @@ mod tests {
             println!("octave {k}: rms speed {:.4} m/s, wanted {expected:.4}", mean_sq.sqrt());
             assert!((mean_sq.sqrt() / expected - 1.0).abs() < 0.015);
         }
+    }
+
+    #[test]
+    fn speed_stays_the_same_while_swirls_are_replaced_and_in_the_plane() {
+        let n = 40_000;
+        for (planar, evolve_rate) in [(None, 0.7), (Some(DVec3::new(0.2, 1.0, 0.3)), 0.0)] {
+            let settings = OctavesSettings { planar, evolve_rate, spin_rate: 0.0, ..settings() };
+            let octave = &octaves(&settings)[0];
+            for time in [0.0, 0.5, 0.714] {
+                let span = octave.span(time, 0.3);
+                let mut rng = CounterRng::new(Seed(8));
+                let mut square = 0.0;
+                for _ in 0..n {
+                    let p = std::array::from_fn(|_| f64::from(rng.uniform()) * 2000.0 - 1000.0);
+                    let v = DVec3::from_array(curl(&span.psi(p, 0.6)));
+                    square += v.length_squared() / f64::from(n);
+                    if let Some(normal) = planar {
+                        assert!(v.dot(normal.normalize()).abs() < 1e-12);
+                    }
+                }
+                assert!((square.sqrt() / 1.3 - 1.0).abs() < 0.02, "{planar:?} at {time} s: {}", square.sqrt());
+            }
+        }
+    }
+
+    #[test]
+    fn replacement_goes_on_smoothly_from_pattern_to_pattern() {
+        let settings = OctavesSettings { evolve_rate: 1.0, spin_rate: 0.0, scroll: [0.0; 3], ..settings() };
+        let octave = &octaves(&settings)[0];
+        let p = [0.3f64, 0.1, -2.0];
+        let value = |t: f64| octave.span(t, 0.0).psi(p, 0.0).value[0];
+        let steps: Vec<f64> = (0..4000).map(|i| value(f64::from(i) * 1e-3)).collect();
+        let fastest = steps.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+        let range = steps.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        assert!(fastest < 0.02 * range, "{fastest} {range}");
+        let across = octave.span(0.9, 0.4).psi(p, 0.5).value[0];
+        assert!((across - value(1.1)).abs() < 1e-5, "within a span that crosses into the next pattern");
+        assert!((value(0.0) - value(1.0)).abs() > 1e-3, "patterns differ");
+    }
+
+    #[test]
+    fn an_offset_moves_the_pattern() {
+        let moved = OctavesSettings { offset: [0.5, 0.2, -0.1], ..settings() };
+        let (a, b) = (octaves(&settings()).remove(0), octaves(&moved).remove(0));
+        let (here, there) = (a.span(0.3, 0.0).psi([0.1f64, 0.2, 0.3], 0.0), b.span(0.3, 0.0).psi([0.6, 0.4, 0.2], 0.0));
+        assert!((0..3).all(|i| (here.value[i] - there.value[i]).abs() < 1e-9));
     }
 
     #[test]

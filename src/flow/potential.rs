@@ -65,11 +65,11 @@ impl<L: Real> Psi<L> {
 ///
 /// Curl-noise-2007 prints it without the ½ in equation 6, which would double the velocity: curl(V × x) = 2V.
 #[inline(always)]
-pub fn uniform<L: Real>(velocity: [f64; 3], origin: [f64; 3], p: [L; 3]) -> Psi<L> {
-    let half = triple!(i => p[0].lit(0.5 * velocity[i]));
+pub fn uniform<L: Real>(velocity: [L; 3], origin: [L; 3], p: [L; 3]) -> Psi<L> {
+    let half = triple!(i => p[0].lit(0.5) * velocity[i]);
     let zero = p[0].lit(0.0);
     Psi {
-        value: cross(half, triple!(i => p[i] - p[i].lit(origin[i]))),
+        value: cross(half, triple!(i => p[i] - origin[i])),
         jacobian: [[zero, -half[2], half[1]], [half[2], zero, -half[0]], [-half[1], half[0], zero]],
     }
 }

@@ -1,6 +1,7 @@
 //! The boundary ramp and its application to a potential (curl-noise-2007, eq. 4 and 5).
 
 use crate::flow::potential::Psi;
+use crate::math::interpolate::quintic_step;
 use crate::math::jet::{Jet, Scalar};
 use crate::math::real::{Real, dot, triple};
 
@@ -14,6 +15,13 @@ pub fn ramp<L: Real>(r: L) -> (L, L) {
     let value = r * s.mul_add(s.mul_add(r.lit(0.375), r.lit(-1.25)), r.lit(1.875));
     let free = one - s;
     (value, r.lit(1.875) * free * free)
+}
+
+/// A ramp for walls that hold the flow fast, and its derivative: 0 at the wall and behind it, 1 from r = 1 on, with first
+/// and second derivatives 0 at both ends.
+#[inline(always)]
+pub fn flat_ramp<L: Real>(r: L) -> (L, L) {
+    quintic_step(r.clamp(r.lit(0.0), r.lit(1.0)))
 }
 
 /// A smooth minimum of two positive numbers, and its derivatives with respect to both.
@@ -34,7 +42,7 @@ pub fn smooth_min<L: Real>(a: L, b: L) -> (L, L, L) {
 
 /// How a wall stands to a point.
 #[derive(Debug, Clone, Copy)]
-pub struct Wall<L> {
+pub struct WallRamp<L> {
     /// The ramp α: 0 on the wall, 1 where it has no influence.
     pub alpha: Scalar<L>,
     /// `None` where the wall's normal is not smooth and equation 3 takes the place of equation 5.
@@ -67,7 +75,7 @@ pub fn unit_normal<L: Real>(distance: &Jet<L>) -> UnitNormal<L> {
 /// Whatever `g` is, the flow of what remains is that of `g` on the wall but for something tangential: so `g` must be
 /// constant in space, or have a curl that is tangential there.
 #[inline(always)]
-pub fn removed<L: Real>(excess: &Psi<L>, wall: &Wall<L>) -> Psi<L> {
+pub fn removed<L: Real>(excess: &Psi<L>, wall: &WallRamp<L>) -> Psi<L> {
     let one = wall.alpha.value.lit(1.0);
     let weight = Scalar { value: one - wall.alpha.value, gradient: triple!(i => -wall.alpha.gradient[i]) };
     match wall.normal {
@@ -143,7 +151,7 @@ mod tests {
             let alpha = Scalar { value: alpha, gradient: jet.gradient.map(|x| x * slope / 0.4) };
             let psi = uniform([1.0, -2.0, 0.7], [3.0, 1.0, 2.0], p);
             for normal in [Some(normal), None] {
-                let v = curl(&psi.minus(&removed(&psi, &Wall { alpha, normal })));
+                let v = curl(&psi.minus(&removed(&psi, &WallRamp { alpha, normal })));
                 let n = jet.gradient.map(|x| x / length(jet.gradient));
                 assert!(dot(v, n).abs() < 1e-12 * length(v).max(1.0), "{}", dot(v, n));
             }

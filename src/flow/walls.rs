@@ -7,8 +7,9 @@
 //! that the constraints compose. After Ding and Batty 2023, with smooth minima that vanish where their smaller argument
 //! does.
 
-use crate::flow::obstacles::Obstacle;
-use crate::flow::ramp::{UnitNormal, Wall, ramp, smooth_min};
+use crate::flow::obstacles::{Boundary, Obstacle};
+use crate::flow::ramp::{UnitNormal, WallRamp, flat_ramp, ramp, smooth_min};
+use crate::geometry::motion::RigidSpan;
 use crate::math::jet::Scalar;
 use crate::math::real::{Lane, triple};
 
@@ -25,7 +26,8 @@ pub struct NearWall<L> {
     pub obstacle_idx: usize,
     distance: Scalar<L>,
     normal: Option<UnitNormal<L>>,
-    /// Clearance less distance, `None` where no other obstacle is near.
+    boundary: Boundary,
+    /// Clearance less distance, `None` where there is no other obstacle.
     room: Option<Scalar<L>>,
 }
 
@@ -37,28 +39,32 @@ pub struct NearWalls<L> {
 }
 
 impl<L: Lane> NearWalls<L> {
-    /// Finds the walls whose distance at `p` is below `notice` [m] in any lane.
+    /// Finds the walls whose distance at `p` is below `notice` [m] in any lane. `motions` has that of each obstacle, and
+    /// `phase` says how far on it is.
     #[inline(never)]
-    pub fn find(obstacles: &[Obstacle], p: [L; 3], notice: f64) -> Self {
+    pub fn find(obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) -> Self {
         p[0].outlined(
             #[inline(always)]
-            || Self::find_here(obstacles, p, notice),
+            || Self::find_here(obstacles, motions, p, phase, notice),
         )
     }
 
     #[inline(always)]
-    fn find_here(obstacles: &[Obstacle], p: [L; 3], notice: f64) -> Self {
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn find_here(obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) -> Self {
         let mut walls = Self { inline: [None; INLINE], spilled: Vec::new() };
         let mut count = 0;
-        for (obstacle_idx, obstacle) in obstacles.iter().enumerate() {
-            if !obstacle.may_be_within(p, notice) {
+        for obstacle_idx in 0..obstacles.len() {
+            let (obstacle, motion) = (&obstacles[obstacle_idx], motions[obstacle_idx].as_ref());
+            if !obstacle.may_be_within(motion, p, phase, notice) {
                 continue;
             }
-            let (distance, normal) = obstacle.wall(p);
+            let (distance, normal) = obstacle.wall(motion, p, phase);
             if !distance.value.any_lt(p[0].lit(notice)) {
                 continue;
             }
-            let wall = NearWall { obstacle_idx, distance, normal, room: None };
+            let boundary = obstacle.boundary();
+            let wall = NearWall { obstacle_idx, distance, normal, boundary, room: None };
             if count < INLINE {
                 walls.inline[count] = Some(wall);
             } else {
@@ -66,7 +72,8 @@ impl<L: Lane> NearWalls<L> {
             }
             count += 1;
         }
-        if count > 1 {
+        // Not `count > 1`: which walls are near depends on the whole batch, and no lane may depend on its neighbours.
+        if obstacles.len() > 1 {
             for i in 0..count {
                 let room = walls.room(i, count, notice);
                 walls.at_mut(i).room = Some(room);
@@ -131,9 +138,15 @@ impl<L: Lane> NearWalls<L> {
 }
 
 impl<L: Lane> NearWall<L> {
+    /// Signed distance of the wall [m] with its gradient.
+    #[inline(always)]
+    pub fn distance(&self) -> &Scalar<L> {
+        &self.distance
+    }
+
     /// The wall as a potential of influence radius `influence` [m] meets it, or `None` where its ramp is 1 in all lanes.
     #[inline(always)]
-    pub fn wall(&self, influence: f64) -> Option<Wall<L>> {
+    pub fn wall(&self, influence: f64) -> Option<WallRamp<L>> {
         let d = &self.distance;
         let one = d.value.lit(1.0);
         let d0 = one.lit(influence);
@@ -142,10 +155,10 @@ impl<L: Lane> NearWall<L> {
             if !r.any_lt(one) {
                 return None;
             }
-            let (value, slope) = ramp(r);
+            let (value, slope) = self.ramp(r);
             let factor = slope / d0;
             let gradient = triple!(i => d.gradient[i] * factor);
-            return Some(Wall { alpha: Scalar { value, gradient }, normal: self.normal });
+            return Some(WallRamp { alpha: Scalar { value, gradient }, normal: self.normal() });
         };
         let (radius, _, by_room) = smooth_min(d0, room.value);
         // Where there is no room left the point is past the ridge, or inside another obstacle.
@@ -155,10 +168,21 @@ impl<L: Lane> NearWall<L> {
         if !r.any_lt(one) {
             return None;
         }
-        let (value, slope) = ramp(r);
+        let (value, slope) = self.ramp(r);
         let factor = slope * inverse;
         let turn = r * by_room;
         let gradient = triple!(i => factor * (d.gradient[i] - turn * room.gradient[i]));
-        Some(Wall { alpha: Scalar { value, gradient }, normal: self.normal })
+        Some(WallRamp { alpha: Scalar { value, gradient }, normal: self.normal() })
+    }
+
+    /// No slip needs the whole potential to go, and its first derivatives too.
+    #[inline(always)]
+    fn normal(&self) -> Option<UnitNormal<L>> {
+        if self.boundary == Boundary::Slip { self.normal } else { None }
+    }
+
+    #[inline(always)]
+    fn ramp(&self, r: L) -> (L, L) {
+        if self.boundary == Boundary::Slip { ramp(r) } else { flat_ramp(r) }
     }
 }

@@ -4,6 +4,7 @@ pub mod embree;
 pub mod mesh;
 pub mod mesh_file;
 pub mod mesh_sdf;
+pub mod motion;
 pub mod primitive;
 pub mod sdf;
 pub mod spline;
@@ -14,6 +15,7 @@ use crate::geometry::embree::{EmbreeError, SceneBuilder, TraceScene};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::mesh_file::{MeshFileError, read_mesh};
 use crate::geometry::mesh_sdf::{MeshSdf, MeshSdfError};
+use crate::geometry::motion::{Motion, Pose};
 use crate::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::trace::Solid;
@@ -21,7 +23,7 @@ use crate::math::space::Similarity;
 use crate::progress::{Progress, Stage};
 use crate::scene::diagnostic::Position;
 use crate::scene::{Scene, settings};
-use glam::{DVec3, Quat};
+use glam::{DQuat, DVec3, Quat};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -39,8 +41,12 @@ pub struct Geometry {
 pub struct Shape {
     /// Its key in the scene.
     pub name: String,
-    /// Its signed distance. Of meshes only where `flow.obstacles` names them.
+    /// Its signed distance where it rests. Of meshes only where the flow needs it.
     pub sdf: Option<Arc<PlacedSdf>>,
+    /// How it moves.
+    pub motion: Option<Arc<Motion>>,
+    /// What it turns about: the middle of its box where it rests [m].
+    pub pivot: DVec3,
     /// Its triangles, in world space, where it is a mesh.
     pub mesh: Option<Arc<Mesh>>,
     /// Whether light meets it.
@@ -97,7 +103,35 @@ impl std::fmt::Display for PlaceInScene {
     }
 }
 
+impl Shape {
+    /// The shape where its motion has brought it at a time [s].
+    fn at(&self, time: f64) -> Self {
+        let Some(motion) = &self.motion else { return self.clone() };
+        let pose = motion.pose(time);
+        let moved = Similarity {
+            scale: 1.0,
+            rotation: pose.rotation.as_quat(),
+            translation: (self.pivot + pose.displacement - pose.rotation * self.pivot).as_vec3(),
+        };
+        let sdf =
+            self.sdf.as_ref().map(|sdf| Arc::new(PlacedSdf::new(sdf.sdf().clone(), sdf.placement().then(&moved))));
+        let solid = self.solid.as_ref().zip(sdf.as_ref()).and_then(|(solid, sdf)| solid.moved(sdf)).map(Arc::new);
+        let mesh = self.mesh.as_ref().map(|mesh| Arc::new(mesh.transformed(&moved)));
+        Self { sdf, solid, mesh, motion: None, ..self.clone() }
+    }
+}
+
 impl Geometry {
+    /// Whether any shape moves.
+    pub fn moves(&self) -> bool {
+        self.shapes.iter().any(|shape| shape.motion.is_some())
+    }
+
+    /// All shapes where they are at a time [s].
+    pub fn at(&self, time: f64) -> Self {
+        Self { shapes: self.shapes.iter().map(|shape| shape.at(time)).collect(), warnings: Vec::new() }
+    }
+
     /// Reads the meshes of a scene and samples the distances of those that the flow must go round.
     ///
     /// # Errors
@@ -114,7 +148,8 @@ impl Geometry {
                 Some(mesh) => geometry.mesh_shape(scene, name, mesh, &placement, shape.visible)?,
                 None => primitive_shape(name, shape, placement),
             };
-            geometry.shapes.push(built);
+            let motion = shape.motion.as_ref().map(|motion| Arc::new(rigid_motion(motion)));
+            geometry.shapes.push(Shape { motion, ..built });
             progress.advance(1);
         }
         progress.end(Stage::Geometry);
@@ -141,9 +176,11 @@ impl Geometry {
         } else {
             None
         };
+        let middle = placement.point_to_world(mesh.bounds().center());
+        let pivot = sdf.as_ref().map_or(middle, |sdf: &Arc<PlacedSdf>| sdf.center()).0.as_dvec3();
         let mesh = if settings.smooth { mesh } else { mesh.without_normals() };
         let mesh = Some(Arc::new(mesh.transformed(placement)));
-        Ok(Shape { name: name.into(), sdf, mesh, visible, solid: None })
+        Ok(Shape { name: name.into(), sdf, motion: None, pivot, mesh, visible, solid: None })
     }
 
     /// The visible shapes as a target of rays.
@@ -195,8 +232,16 @@ fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {
     Box::new(PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key })
 }
 
+/// Whether the flow needs the distance of a shape.
 fn is_obstacle(scene: &Scene, name: &str) -> bool {
-    scene.settings.flow.obstacles.iter().any(|obstacle| obstacle == name)
+    let flow = &scene.settings.flow;
+    let is_wall = flow.obstacles.iter().chain(&flow.containers).any(|wall| wall == name);
+    let is_mask = |mask: &settings::Mask| match mask {
+        settings::Mask::Shape(mask) => mask.name == name,
+        settings::Mask::Wake(mask) => mask.shape == name,
+        _ => false,
+    };
+    is_wall || flow.potentials.iter().flat_map(|p| p.masks()).any(is_mask)
 }
 
 fn memory_limit(scene: &Scene) -> u64 {
@@ -207,7 +252,8 @@ fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity
     let sdf = primitive(settings).map(|p| Arc::new(PlacedSdf::new(Sdf::Primitive(p), placement)));
     let extent = settings.plane.as_ref().map_or(0.0, |plane| plane.extent);
     let solid = sdf.as_deref().and_then(|sdf| Solid::try_new(sdf, extent)).map(Arc::new);
-    Shape { name: name.into(), sdf, mesh: None, visible: settings.visible, solid }
+    let pivot = sdf.as_ref().map_or(DVec3::ZERO, |sdf| sdf.center().0.as_dvec3());
+    Shape { name: name.into(), sdf, motion: None, pivot, mesh: None, visible: settings.visible, solid }
 }
 
 fn primitive(shape: &settings::Shape) -> Option<Primitive> {
@@ -234,6 +280,15 @@ fn primitive(shape: &settings::Shape) -> Option<Primitive> {
     }
     let s = shape.plane.as_ref()?;
     Some(Primitive::HalfSpace(HalfSpace { point: vector(s.point), normal: direction(s.normal) }))
+}
+
+fn rigid_motion(settings: &settings::Motion) -> Motion {
+    let keys = settings.keys.iter().map(|key| {
+        let axis = DVec3::from_array(key.rotate_deg.axis).try_normalize().unwrap_or(DVec3::Y);
+        let rotation = DQuat::from_axis_angle(axis, key.rotate_deg.angle.to_radians());
+        (key.time, Pose { displacement: DVec3::from_array(key.translate), rotation })
+    });
+    Motion::new(keys.collect(), settings.interpolation == settings::Interpolation::Smooth)
 }
 
 fn similarity(transform: &settings::Transform) -> Similarity {

@@ -49,6 +49,11 @@ impl Solid {
         Some(Self { primitive, sdf: sdf.clone(), bounds, extent })
     }
 
+    /// The same solid, placed elsewhere.
+    pub fn moved(&self, sdf: &PlacedSdf) -> Option<Self> {
+        Self::try_new(sdf, self.extent)
+    }
+
     /// A world-space box that holds the surface.
     pub fn bounds(&self) -> Aabb {
         self.bounds

@@ -115,6 +115,15 @@ impl Similarity {
     /// Leaves everything where it is.
     pub const IDENTITY: Self = Self { scale: 1.0, rotation: Quat::IDENTITY, translation: Vec3::ZERO };
 
+    /// This one first, then `next`.
+    pub fn then(&self, next: &Self) -> Self {
+        Self {
+            scale: self.scale * next.scale,
+            rotation: (next.rotation * self.rotation).normalize(),
+            translation: next.point_to_world(self.translation).0,
+        }
+    }
+
     /// From the shape's space to the world.
     pub fn point_to_world(&self, p: Vec3) -> WorldPoint {
         WorldPoint(self.rotation * (p * self.scale) + self.translation)

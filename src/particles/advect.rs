@@ -3,7 +3,7 @@
 //! Particles are independent and the arithmetic is elementwise, so neither the number of threads nor which particles
 //! share a register changes a bit.
 
-use crate::flow::field::{FieldSpan, VelocityField};
+use crate::flow::field::FieldSpan;
 use crate::math::lanes::{Kernel, Lanes, run_kernel};
 use crate::math::real::{Lane, triple};
 use fearless_simd::Simd;
@@ -39,7 +39,6 @@ impl Scheme {
 pub type Coordinates = [Vec<f32>; 3];
 
 struct Step<'a, 'b> {
-    field: &'a VelocityField,
     span: &'a FieldSpan<'b>,
     scheme: Scheme,
     /// Of the whole span [s].
@@ -63,13 +62,13 @@ impl Kernel for Step<'_, '_> {
                 None => Lanes::splat(simd, 0.0),
             };
             let p = advanced(self.span, self.scheme, self.duration, p, phase);
-            let is_suspect = self.field.may_be_inside(p);
+            let is_suspect = self.span.may_be_inside(p, Lanes::splat(simd, 1.0));
             p[0].store(&mut x[start..]);
             p[1].store(&mut y[start..]);
             p[2].store(&mut z[start..]);
             if is_suspect {
                 for i in start..(start + Lanes::<S>::WIDTH).min(x.len()) {
-                    let (q, moved) = self.field.pushed_out([x[i], y[i], z[i]]);
+                    let (q, moved) = self.span.pushed_out([x[i], y[i], z[i]], 1.0);
                     [x[i], y[i], z[i]] = q;
                     corrected += u64::from(moved);
                 }
@@ -99,7 +98,6 @@ pub fn advanced<L: Lane>(span: &FieldSpan, scheme: Scheme, duration: f32, p: [L;
 /// Moves the particles of indices `range` to the end of the span; those that end inside an obstacle are moved out of
 /// it. `phase`, where given, says for each of them where in the span it begins. Returns how many had to be moved out.
 pub fn advance(
-    field: &VelocityField,
     span: &FieldSpan,
     scheme: Scheme,
     duration: f64,
@@ -117,7 +115,7 @@ pub fn advance(
         .map(|(i, ((x, y), z))| {
             let phase = phase.map(|p| &p[i * CHUNK..i * CHUNK + x.len()]);
             let duration = duration as f32;
-            run_kernel(Step { field, span, scheme, duration, position: [x, y, z], phase })
+            run_kernel(Step { span, scheme, duration, position: [x, y, z], phase })
         })
         .sum()
 }
@@ -161,7 +159,7 @@ pub fn evaluate(span: &FieldSpan, position: &Coordinates, velocity: &mut Coordin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::field::Source;
+    use crate::flow::field::{Potential, VelocityField};
     use crate::flow::octaves::{OctavesSettings, octaves};
     use crate::math::hash::Seed;
     use crate::math::real::length;
@@ -171,13 +169,12 @@ mod tests {
             length_scale: 1.5,
             speed: 1.0,
             octaves: 1,
-            lacunarity: 2.0,
-            gain: 1.0,
             spin_rate: 0.3,
             scroll: [0.2, 0.0, 0.0],
             seed: Seed(5),
+            ..Default::default()
         };
-        VelocityField::new(octaves(&settings).into_iter().map(Source::Octave).collect(), Vec::new())
+        VelocityField::new(octaves(&settings).into_iter().map(|o| Potential::Octave(o).into()).collect(), Vec::new())
     }
 
     /// Where a particle is after `steps` steps through half a second.
@@ -222,8 +219,8 @@ mod tests {
         let axis = |a: f32| (0..2500).map(|i| (i as f32 * a).sin()).collect::<Vec<f32>>();
         let mut all = [axis(0.7), axis(1.1), axis(1.7)];
         let mut tail = [0, 1, 2].map(|a: usize| all[a][1234..].to_vec());
-        advance(&field, &span, CLASSICAL, 0.1, &mut all, 0..2500, None);
-        advance(&field, &span, CLASSICAL, 0.1, &mut tail, 0..1266, None);
+        advance(&span, CLASSICAL, 0.1, &mut all, 0..2500, None);
+        advance(&span, CLASSICAL, 0.1, &mut tail, 0..1266, None);
         for a in 0..3 {
             assert_eq!(all[a][1234..], tail[a]);
         }

@@ -98,11 +98,11 @@ pub enum ParticlesError {
 }
 
 impl ParticleSystem {
-    /// The particles of a scene.
+    /// The particles of a scene in its flow.
     ///
     /// # Errors
     /// Too many particles for the memory limit, an emitter whose shape is no mesh, or no emitters at all.
-    pub fn build(scene: &Scene, geometry: &Geometry) -> Result<Self, ParticlesError> {
+    pub fn build(scene: &Scene, geometry: &Geometry, field: VelocityField) -> Result<Self, ParticlesError> {
         let settings = &scene.settings;
         let smoke = settings.smoke.as_ref().ok_or(ParticlesError::NoEmitters)?;
         let grid = smoke.grid.as_ref().ok_or(ParticlesError::NoEmitters)?;
@@ -122,7 +122,7 @@ impl ParticleSystem {
         let least = KERNEL_VOXELS * grid.voxel_size;
         let kernel =
             KernelSize { initial_radius: grid.kernel_radius.unwrap_or(least).max(least), expansion: grid.expansion };
-        Ok(Self::new(VelocityField::build(scene, geometry), emitters, time, scheme, kernel))
+        Ok(Self::new(field, emitters, time, scheme, kernel))
     }
 }
 

@@ -190,15 +190,15 @@ impl ParticleSystem {
                 if birth.time <= start || birth.time > end {
                     continue;
                 }
-                let (position, moved) = self.field.pushed_out(birth.position);
+                let phase = (((birth.time - start) / duration) as f32).clamp(0.0, 1.0);
+                let (position, moved) = span.pushed_out(birth.position, f64::from(phase));
                 self.born_inside += u64::from(moved);
                 cloud.push(index, birth.time, birth.lifetime, position);
-                self.phases.push((((birth.time - start) / duration) as f32).clamp(0.0, 1.0));
+                self.phases.push(phase);
             }
             let (all, phases) = (cloud.index.len(), Some(self.phases.as_slice()));
             for (range, phases) in [(0..older, None), (older..all, phases)] {
-                self.penetrations +=
-                    advance(&self.field, &span, self.scheme, duration, &mut cloud.position, range, phases);
+                self.penetrations += advance(&span, self.scheme, duration, &mut cloud.position, range, phases);
             }
             work += cloud.index.len() as u64;
             cloud.bury(end);

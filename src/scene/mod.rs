@@ -12,6 +12,7 @@ pub mod schema;
 pub mod settings;
 pub mod tree;
 pub mod validate;
+mod validate_flow;
 mod validate_smoke;
 
 use crate::scene::conform::conform;

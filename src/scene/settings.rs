@@ -3,6 +3,10 @@
 //! This is the one place where keys are documented: the doc comments and bounds below become the JSON Schema that
 //! `curlsmoke schema` prints and against which every scene is checked. Variants are maps with a single key.
 
+pub mod flow;
+
+pub use flow::*;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -185,6 +189,9 @@ pub struct Shape {
     /// Moves, turns and scales the shape.
     #[serde(default)]
     pub transform: Transform,
+    /// How the shape moves in time. Default not at all.
+    #[serde(default)]
+    pub motion: Option<Motion>,
     /// What the surface does to light. Default diffuse grey 0.5.
     #[serde(default)]
     pub material: Material,
@@ -324,6 +331,43 @@ impl Default for Rotation {
     }
 }
 
+/// How a shape moves: rigidly, from key to key. Before the first key and after the last it stands still.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Motion {
+    /// Where it is when; times rise. At least two.
+    pub keys: Vec<Key>,
+    /// How it gets from key to key. Default smooth.
+    #[serde(default)]
+    pub interpolation: Interpolation,
+}
+
+/// Where a shape is at a time, relative to where `transform` puts it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Key {
+    /// When [s]; frame `first` is at 0.
+    pub time: f64,
+    /// How far it has moved [m]. Default [0, 0, 0].
+    #[serde(default)]
+    pub translate: Vec3,
+    /// How far it has turned about its own middle. Default none. From key to key it takes the shorter way: give a key at
+    /// least every half turn.
+    #[serde(default)]
+    pub rotate_deg: Rotation,
+}
+
+/// How a shape gets from key to key.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Interpolation {
+    /// At constant velocity, which jumps at keys.
+    Linear,
+    /// Faster in the middle, at rest at each key.
+    #[default]
+    Smooth,
+}
+
 /// What a surface does to light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
@@ -340,92 +384,6 @@ impl Default for Material {
     fn default() -> Self {
         Self::Diffuse { reflectance: [0.5; 3] }
     }
-}
-
-/// What moves the particles: the curl of a sum of potentials, bent round obstacles.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Flow {
-    /// Terms of the potential.
-    pub potentials: Vec<Potential>,
-    /// Names of the shapes that no smoke passes through.
-    pub obstacles: Vec<String>,
-}
-
-/// One term of the potential.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub enum Potential {
-    /// The same velocity everywhere.
-    Uniform(Uniform),
-    /// Swirls of many sizes.
-    Noise(Noise),
-}
-
-/// The same velocity everywhere.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Uniform {
-    /// Velocity [m/s].
-    pub velocity: Vec3,
-    /// Distance from obstacles over which the flow bends [m]. Default the obstacle's own bounding radius.
-    #[serde(default)]
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub influence_radius: Option<f64>,
-}
-
-/// Swirls of many sizes: a sum of octaves of gradient noise, each half as large as the one before.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Noise {
-    /// Size of the largest swirls [m].
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub length_scale: f64,
-    /// Root mean square speed of the largest swirls [m/s].
-    #[schemars(range(min = 0.0))]
-    pub speed: f64,
-    /// Number of sizes. Default 3.
-    #[serde(default = "octaves")]
-    #[schemars(range(min = 1, max = 16))]
-    pub octaves: u32,
-    /// How speed falls from one octave to the next. Default kolmogorov.
-    #[serde(default)]
-    pub gain: Gain,
-    /// Ratio of the sizes of neighbouring octaves. Default 2.
-    #[serde(default = "lacunarity")]
-    #[schemars(range(min = 1.01, max = 16.0))]
-    pub lacunarity: f64,
-    /// Turns per second of the gradients of the largest swirls; smaller ones turn faster in proportion to their
-    /// frequency. Default 0: frozen.
-    #[serde(default)]
-    #[schemars(range(min = -1000.0, max = 1000.0))]
-    pub spin_rate: f64,
-    /// Velocity with which the pattern itself moves [m/s]. Default 0.
-    #[serde(default)]
-    pub scroll: Vec3,
-    /// Which of the many patterns. Default 0; mixed with `render.seed`.
-    #[serde(default)]
-    pub seed: u64,
-}
-
-fn octaves() -> u32 {
-    3
-}
-
-fn lacunarity() -> f64 {
-    2.0
-}
-
-/// How the speed of swirls falls with their size.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub enum Gain {
-    /// As the cube root of size, as in real turbulence.
-    #[default]
-    Kolmogorov,
-    /// A number: factor on the speed from one octave to the next.
-    #[serde(untagged)]
-    Speed(#[schemars(range(min = 0.0, max = 4.0))] f64),
 }
 
 /// The smoke: either `emitters` (with `advect` and `grid`), or `file`.

@@ -4,7 +4,7 @@
 use crate::scene::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::scene::pattern::Pattern;
 use crate::scene::schema::decimal;
-use crate::scene::settings::{Camera, Environment, Frames, Light, Output, Potential, Settings, Shape, Vec3};
+use crate::scene::settings::{Camera, Environment, Frames, Light, Mask, Output, Potential, Settings, Shape, Vec3};
 use crate::scene::tree::Node;
 use crate::scene::{nearest_file, resolve};
 use std::collections::BTreeSet;
@@ -52,7 +52,7 @@ fn cross(a: Vec3, b: Vec3) -> Vec3 {
 }
 
 /// Whether two directions are parallel to within what an f32 can tell.
-fn is_parallel(a: Vec3, b: Vec3) -> bool {
+pub(crate) fn is_parallel(a: Vec3, b: Vec3) -> bool {
     length(cross(a, b)) <= 1e-6 * length(a) * length(b)
 }
 
@@ -159,12 +159,23 @@ impl<'s> Check<'s, '_, '_> {
             ];
             self.exactly_one(&key, &given);
             self.shape(&key, shape);
-            if !shape.visible && !self.settings.flow.obstacles.contains(name) && !self.is_emitter(name) {
+            if !shape.visible && !self.guides_flow(name) && !self.is_emitter(name) {
                 let key_visible = format!("{key}.visible");
                 let message = format!("`{name}` has no effect: it is invisible, no obstacle and no emitter");
                 self.warning(&key_visible, "flow.obstacles", message, "name it in `flow.obstacles`, or remove it");
             }
         }
+    }
+
+    fn guides_flow(&self, shape: &str) -> bool {
+        let flow = &self.settings.flow;
+        let is_mask = |mask: &Mask| match mask {
+            Mask::Shape(mask) => mask.name == shape,
+            Mask::Wake(mask) => mask.shape == shape,
+            _ => false,
+        };
+        flow.obstacles.iter().chain(&flow.containers).any(|name| name == shape)
+            || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
     }
 
     fn is_emitter(&self, shape: &str) -> bool {
@@ -205,28 +216,8 @@ impl<'s> Check<'s, '_, '_> {
             self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
         }
         self.direction(&format!("{key}.transform.rotate_deg.axis"), shape.transform.rotate_deg.axis);
-    }
-
-    fn flow(&mut self) {
-        let names: BTreeSet<&str> = self.settings.shapes.keys().map(String::as_str).collect();
-        let mut seen = BTreeSet::new();
-        for (index, name) in self.settings.flow.obstacles.iter().enumerate() {
-            let key = format!("flow.obstacles[{index}]");
-            if !names.contains(name.as_str()) {
-                self.unknown_shape(&key, name, &names);
-            } else if !seen.insert(name) {
-                self.error(&key, &key, format!("`{name}` is listed twice"));
-            }
-        }
-        let voxel = self.settings.smoke.as_ref().and_then(|smoke| smoke.grid.as_ref()).map(|grid| grid.voxel_size);
-        for (index, potential) in self.settings.flow.potentials.iter().enumerate() {
-            let (Potential::Noise(noise), Some(voxel)) = (potential, voxel) else { continue };
-            let smallest = noise.length_scale / noise.lacunarity.powi(noise.octaves.saturating_sub(1) as i32);
-            if smallest < voxel {
-                let key = format!("flow.potentials[{index}].noise.octaves");
-                let message = format!("the smallest swirls, {smallest:.2e} m, are smaller than a voxel");
-                self.warning(&key, "smoke.grid", message, "fewer octaves look the same and are faster");
-            }
+        if let Some(motion) = &shape.motion {
+            self.motion(&format!("{key}.motion"), motion, shape.plane.is_some());
         }
     }
 
@@ -253,7 +244,7 @@ impl<'s> Check<'s, '_, '_> {
     }
 
     /// A file that must exist and have one of some endings.
-    fn file(&mut self, key: &str, name: &str, endings: &[&str]) {
+    pub(crate) fn file(&mut self, key: &str, name: &str, endings: &[&str]) {
         if self.has_ending(key, name, endings) && !resolve(self.path, name).is_file() {
             self.missing(key, name);
         }
