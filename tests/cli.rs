@@ -147,7 +147,7 @@ fn holes_in_an_obstacle_are_told_by_every_verb_that_reads_it() {
 fn mass_that_obstacles_move_is_accounted_for() {
     let folder = Folder::new();
     let smoky = BALL.replace("last: 3", "last: 1")
-        + "flow: {obstacles: [ball]}\nsmoke:\n  emitters: [{sphere: {center: [1.1, 0, 0], radius: 0.3}, count: 500}]\n  \
+        + "flow: {obstacles: [ball]}\nsmoke:\n  emitters: [{sphere: {center: [1.1, 0, 0], radius: 0.3}, count: 500, lifetime: 1, start: -0.5}]\n  \
            grid: {voxel_size: 0.1, kernel_radius: 0.3}\n";
     folder.write("smoky.yaml", &smoky);
     let [out, _] = folder.expect(0, &["bake", "smoky.yaml"]);
