@@ -3,10 +3,11 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::grid::majorant::{MajorantGrid, MajorantIterator};
+use curlsmoke::grid::soft::ObstacleDistance;
 use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{IndexPoint, UnitVec3, WorldPoint};
-use glam::{UVec3, Vec3};
+use glam::{DVec3, UVec3, Vec3};
 use std::hint::black_box;
 
 const VOXELS: u32 = 192;
@@ -76,6 +77,19 @@ fn majorant(c: &mut Criterion) {
     group.sample_size(20).bench_function("build", |b| b.iter(|| MajorantGrid::new(black_box(&grid))));
 }
 
+/// Balls that a tenth of the particles are near.
+#[derive(Debug)]
+struct Balls;
+
+impl ObstacleDistance for Balls {
+    fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
+        for (p, d) in points.iter().zip(distances) {
+            let cell = (p * 2.5).fract_gl() - 0.5;
+            *d = cell.length() / 2.5 - 0.05;
+        }
+    }
+}
+
 fn splatting(c: &mut Criterion) {
     let mut rng = CounterRng::new(Seed(3));
     const COUNT: usize = 200_000;
@@ -86,17 +100,26 @@ fn splatting(c: &mut Criterion) {
     let mass = vec![1e-5; COUNT];
     let mut group = c.benchmark_group("splat");
     group.throughput(Throughput::Elements(COUNT as u64)).sample_size(10);
-    for (name, radius, shutter) in
-        [("radius 1.5", 1.5, 0.0), ("radius 3", 3.0, 0.0), ("radius 1.5, smeared", 1.5, 0.02)]
-    {
+    for (name, radius, shutter, obstacles) in [
+        ("radius 1.5", 1.5, 0.0, None),
+        ("radius 3", 3.0, 0.0, None),
+        ("radius 3, soft", 3.0, 0.0, Some(&Balls as &dyn ObstacleDistance)),
+        ("radius 1.5, smeared", 1.5, 0.02, None),
+    ] {
         let radius = vec![radius * VOXEL; COUNT];
         let input = SplatInput {
             position: position.each_ref().map(Vec::as_slice),
             velocity: velocity.each_ref().map(Vec::as_slice),
             mass: &mass,
             radius: &radius,
+            obstacles,
         };
-        let settings = SplatSettings { voxel_size: VOXEL, shutter_seconds: [0.0, shutter], memory_limit_bytes: LIMIT };
+        let settings = SplatSettings {
+            voxel_size: VOXEL,
+            shutter_seconds: [0.0, shutter],
+            soft_radius: None,
+            memory_limit_bytes: LIMIT,
+        };
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             group.bench_with_input(BenchmarkId::new(name, threads), &threads, |b, _| {

@@ -5,12 +5,13 @@ mod mask_files;
 use crate::error::Error;
 use crate::flow::VelocityField;
 use crate::geometry::{Geometry, GeometryError};
+use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
 use crate::output::film_image::{Layers, Origin, image_of_film};
 use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
-use crate::output::sidecar::{self, Sidecar, sidecar_path};
+use crate::output::sidecar::{self, MassFigures, Sidecar, sidecar_path};
 use crate::output::{self, exr, file, png};
 use crate::particles::ParticleSystem;
 use crate::pipeline::mask_files::SceneFiles;
@@ -22,6 +23,7 @@ use crate::render::{self, RenderError, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -91,7 +93,8 @@ pub fn render(
     Ok(())
 }
 
-/// Writes the density of each frame as a .vdb file; `on_frame` gets the file of each.
+/// Writes the density of each frame as a .vdb file; `on_frame` gets the file of each, what is in it, and where
+/// the particles' mass went.
 ///
 /// # Errors
 /// The first that any stage meets. Files finished before it stay.
@@ -100,7 +103,7 @@ pub fn bake(
     frames: &[i32],
     volume_pattern: Option<&str>,
     progress: &dyn Progress,
-    on_frame: &mut dyn FnMut(i32, &Path, &DensityGrid),
+    on_frame: &mut dyn FnMut(&Path, &DensityGrid, &MassFigures),
 ) -> Result<(), Error> {
     let pattern = parse_pattern(volume_pattern.unwrap_or(&scene.settings.output.volume))?;
     let file_of = |frame: i32| PathBuf::from(pattern.expand(frame, scene.name()));
@@ -116,7 +119,7 @@ pub fn bake(
             let bytes = vdb::write_float_grids(&[("density", &grid)], vdb::VdbWriteSettings::default());
             file::write_atomic(&path, &bytes)
         })?;
-        on_frame(frame, &path, &grid);
+        on_frame(&path, &grid, &record.mass);
     }
     Ok(())
 }
@@ -199,6 +202,7 @@ impl SmokeSource {
         let splat = SplatSettings {
             voxel_size: grid.voxel_size as f32,
             shutter_seconds: frames.shutter.map(|s| s / frames.fps),
+            soft_radius: grid.soft_radius,
             memory_limit_bytes: memory_limit(scene),
         };
         let field = VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })?;
@@ -217,18 +221,24 @@ impl SmokeSource {
             Self::Particles { system, splat: settings } => {
                 let before = system.penetrations();
                 let start = Instant::now();
-                let particles = system.at_frame(frame, progress)?;
+                system.at_frame(frame, progress)?;
+                let particles = system.particles();
                 record.add_time(Stage::Advect, start.elapsed());
                 record.particles = particles.mass.len() as u64;
+                let walls = FlowObstacles(system.field());
+                let has_walls = !scene.settings.flow.obstacles.is_empty();
                 let input = SplatInput {
                     position: particles.position.each_ref().map(Vec::as_slice),
                     velocity: particles.velocity.each_ref().map(Vec::as_slice),
                     mass: &particles.mass,
                     radius: &particles.radius,
+                    obstacles: has_walls.then_some(&walls),
                 };
-                let grid = timed(progress, Stage::Grid, record, 0, || splat(&input, settings))?;
+                let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, settings))?;
+                let m = splat.mass;
+                record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
                 record.penetrations = system.penetrations() - before;
-                grid
+                splat.grid
             }
             Self::File { pattern, grid_name } => {
                 let path = scene.resolve(&pattern.expand(frame, scene.name()));
@@ -238,6 +248,18 @@ impl SmokeSource {
         record.grid.active_voxels = grid.active_voxel_count();
         record.grid.bytes = grid.memory_bytes();
         Ok(Some(grid))
+    }
+}
+
+/// The obstacles of the flow as splatting asks for them: the one place where the two meet.
+#[derive(Debug)]
+struct FlowObstacles<'a>(&'a VelocityField);
+
+impl ObstacleDistance for FlowObstacles<'_> {
+    fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
+        for (point, distance) in points.iter().zip(distances) {
+            *distance = self.0.distance::<f64>(point.to_array());
+        }
     }
 }
 

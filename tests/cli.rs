@@ -144,6 +144,23 @@ fn holes_in_an_obstacle_are_told_by_every_verb_that_reads_it() {
 }
 
 #[test]
+fn mass_that_obstacles_move_is_accounted_for() {
+    let folder = Folder::new();
+    let smoky = BALL.replace("last: 3", "last: 1")
+        + "flow: {obstacles: [ball]}\nsmoke:\n  emitters: [{sphere: {center: [1.1, 0, 0], radius: 0.3}, count: 500, lifetime: 1, start: -0.5}]\n  \
+           grid: {voxel_size: 0.1, kernel_radius: 0.3}\n";
+    folder.write("smoky.yaml", &smoky);
+    let [out, _] = folder.expect(0, &["bake", "smoky.yaml"]);
+    contains(&out, &["smoky.0001.vdb", "voxels", "% of the mass moved away from obstacles"]);
+    folder.expect(0, &["render", "smoky.yaml"]);
+    let mass = Sidecar::read(&folder.path("out/ball.0001.json")).unwrap().mass;
+    assert!(mass.particles > 0.0 && mass.faded > 0.1 * mass.particles, "{mass:?}");
+    assert!(((mass.grid + mass.lost) / mass.particles - 1.0).abs() < 1e-6, "{mass:?}");
+    let [out, _] = folder.expect(0, &["bake", "smoky.yaml", "--set", "smoke.grid.soft_radius=0"]);
+    assert!(!out.contains("moved"), "{out}");
+}
+
+#[test]
 fn the_schema_is_json_that_describes_the_keys() {
     let folder = Folder::new();
     let [out, _] = folder.expect(0, &["schema"]);

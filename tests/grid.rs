@@ -177,6 +177,7 @@ impl Cloud {
             velocity: self.velocity.each_ref().map(Vec::as_slice),
             mass: &self.mass,
             radius: &self.radius,
+            obstacles: None,
         }
     }
 
@@ -186,7 +187,7 @@ impl Cloud {
 }
 
 fn settings(voxel_size: f32, shutter_seconds: [f64; 2]) -> SplatSettings {
-    SplatSettings { voxel_size, shutter_seconds, memory_limit_bytes: LIMIT }
+    SplatSettings { voxel_size, shutter_seconds, soft_radius: None, memory_limit_bytes: LIMIT }
 }
 
 #[test]
@@ -195,7 +196,7 @@ fn splatting_conserves_mass_still_and_smeared_at_every_kernel_size() {
         [(0.001, 0.0, [0.0, 0.0]), (0.03, 3.0, [0.0, 0.0]), (0.06, 3.0, [-0.01, 0.01]), (0.2, 40.0, [0.0, 0.02])]
     {
         let cloud = Cloud::new(20_000, 0.8, radius, speed);
-        let grid = splat(&cloud.input(), &settings(0.02, shutter)).expect("in range");
+        let grid = splat(&cloud.input(), &settings(0.02, shutter)).expect("in range").grid;
         let relative = grid.mass() / cloud.total_mass() - 1.0;
         assert!(relative.abs() < 3e-7, "radius {radius}: {relative:e}");
     }
@@ -206,7 +207,7 @@ fn a_splat_has_the_same_bits_on_any_number_of_threads() {
     let cloud = Cloud::new(50_000, 0.5, 0.05, 5.0);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| splat(&cloud.input(), &settings(0.02, [-0.01, 0.02])).expect("in range"))
+        pool.install(|| splat(&cloud.input(), &settings(0.02, [-0.01, 0.02])).expect("in range").grid)
     };
     let one = on(1);
     for threads in [2, 3, 7] {
@@ -230,6 +231,7 @@ fn one_particle_keeps_its_place_and_its_streak_is_even() {
         velocity: [&velocity[0], &velocity[1], &velocity[2]],
         mass: &[2.0],
         radius: &[0.04],
+        obstacles: None,
     };
     let center_of = |grid: &DensityGrid| -> Vec3 {
         let (mut sum, mut moment) = (0.0, Vec3::ZERO);
@@ -242,9 +244,9 @@ fn one_particle_keeps_its_place_and_its_streak_is_even() {
         }
         moment / sum
     };
-    let still = splat(&input, &settings(0.01, [0.0, 0.0])).expect("in range");
+    let still = splat(&input, &settings(0.01, [0.0, 0.0])).expect("in range").grid;
     assert!((center_of(&still) - p).abs().max_element() < 2e-4, "{}", center_of(&still));
-    let smeared = splat(&input, &settings(0.01, [0.0, 0.1])).expect("in range");
+    let smeared = splat(&input, &settings(0.01, [0.0, 0.1])).expect("in range").grid;
     assert!((center_of(&smeared) - p - 0.05 * v).abs().max_element() < 2e-4);
     let along: Vec<f32> = (0..30).map(|i| smeared.density(WorldPoint(p + v * (0.02 + 0.002 * i as f32)))).collect();
     let (low, high) = along.iter().fold((f32::MAX, 0f32), |(a, b), &d| (a.min(d), b.max(d)));
@@ -285,5 +287,5 @@ fn bad_particles_are_errors_that_name_them() {
 fn no_particles_are_an_empty_grid() {
     let mut cloud = Cloud::new(5, 0.5, 0.05, 1.0);
     cloud.mass.fill(0.0);
-    assert!(splat(&cloud.input(), &settings(0.02, [0.0, 0.0])).expect("in range").is_empty());
+    assert!(splat(&cloud.input(), &settings(0.02, [0.0, 0.0])).expect("in range").grid.is_empty());
 }

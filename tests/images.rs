@@ -41,14 +41,17 @@ fn picture(name: &str, spp: Option<u32>, seed: u64, overrides: &[(&str, &str)]) 
             velocity: particles.velocity.each_ref().map(Vec::as_slice),
             mass: &particles.mass,
             radius: &particles.radius,
+            // The references are of light, not of walls; tests/grid.rs has those.
+            obstacles: None,
         };
         let frames = &scene.settings.frames;
         let settings = SplatSettings {
             voxel_size: smoke.grid.as_ref().expect("a grid").voxel_size as f32,
             shutter_seconds: frames.shutter.map(|s| s / frames.fps),
+            soft_radius: None,
             memory_limit_bytes: LIMIT,
         };
-        render::build_medium(&scene, splat(&input, &settings).expect("grid"))
+        render::build_medium(&scene, splat(&input, &settings).expect("grid").grid)
     });
     let mut view = render::build_view(&scene, 1, None);
     view.seed = Seed(seed);

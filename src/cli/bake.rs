@@ -17,8 +17,15 @@ pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
     let mut printed = Ok(());
-    let result = pipeline::bake(&scene, &frames, arguments.output.as_deref(), &reporter, &mut |_, path, grid| {
-        let line = format!("{}  {} voxels", path.display(), count(grid.active_voxel_count() as f64));
+    let result = pipeline::bake(&scene, &frames, arguments.output.as_deref(), &reporter, &mut |path, grid, mass| {
+        let mut line = format!("{}  {} voxels", path.display(), count(grid.active_voxel_count() as f64));
+        if mass.faded > 0.0 {
+            let percent = |part: f64| 100.0 * part / mass.particles;
+            line += &format!(", {:.2} % of the mass moved away from obstacles", percent(mass.faded - mass.lost));
+            if mass.lost > 0.0 {
+                line += &format!(", {:.2e} % lost in them", percent(mass.lost));
+            }
+        }
         if printed.is_ok() {
             printed = reporter.suspend(|| print_result(&line));
         }

@@ -1,26 +1,20 @@
 //! Particles to voxels, with mass conserved and the same bits whatever the number of threads.
 //!
-//! The kernel is the product of (1 − u²)³ along the three axes, u = distance/radius: twice continuously differentiable,
-//! zero beyond `radius` along each axis, with standard deviation `radius`/3. As a product it is normalised on the voxels by
-//! three short sums, which makes the mass exact at the price of being a little fuller along diagonals than along axes.
-//!
 //! Every (brick, particle) pair is listed and the list sorted; each brick is then summed by one task in the order of the
 //! particles. Nothing is added in an order that depends on scheduling.
+//!
+//! Near obstacles ([`crate::grid::soft`]) a kernel loses what it has in and behind walls. Its mass is given back to what
+//! is left, so that mass is conserved: a first pass over the bricks finds the share of each particle that walls leave,
+//! and the second divides by it.
 
-use crate::grid::{BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, check_memory};
+use crate::grid::kernel::{Kernel, MAX_RADIUS, MAX_WIDTH, MIN_RADIUS, reach, touches};
+use crate::grid::soft::{BrickDistances, ObstacleDistance, SHARE_MIN, Sight, Sounding, SplatMass, fade, gain};
+use crate::grid::{BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, check_memory};
 use glam::{DVec3, IVec3, UVec3};
 use rayon::prelude::*;
 
-/// Narrowest kernel [voxels]: particles with a smaller radius are widened to it, so that a kernel always reaches a voxel
-/// centre, wherever the particle is.
-pub const MIN_RADIUS: f64 = 1.0;
-/// Widest kernel [voxels]; a wider one is an error, since one particle would cover millions of voxels.
-pub const MAX_RADIUS: f64 = 128.0;
 /// Most pieces that the streak of one particle is split into; longer streaks than 256 kernel radii become dotted.
 pub const MAX_PIECES: u32 = 512;
-
-/// Largest number of voxel centres within a kernel along one axis.
-const MAX_WIDTH: usize = 2 * MAX_RADIUS as usize + 2;
 
 /// The particles to splat; all slices have the same length.
 #[derive(Debug, Clone, Copy)]
@@ -33,6 +27,8 @@ pub struct SplatInput<'a> {
     pub mass: &'a [f32],
     /// Reach of the kernel along each axis [m], greater than 0.
     pub radius: &'a [f32],
+    /// What kernels fade towards and do not reach through.
+    pub obstacles: Option<&'a dyn ObstacleDistance>,
 }
 
 /// How to splat.
@@ -42,116 +38,90 @@ pub struct SplatSettings {
     pub voxel_size: f32,
     /// Opening and closing of the shutter relative to the particles' instant [s]; equal for no motion blur.
     pub shutter_seconds: [f64; 2],
+    /// Distance from obstacles at which kernels begin to fade [m], at least 0; each particle's own kernel radius where
+    /// `None`. At 0 obstacles are ignored.
+    pub soft_radius: Option<f64>,
     /// More memory than this is never asked for [bytes].
     pub memory_limit_bytes: u64,
 }
 
+/// The density of the particles, and what became of their mass.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Splat {
+    /// The density.
+    pub grid: DensityGrid,
+    /// Where the mass went.
+    pub mass: SplatMass,
+}
+
 /// Splats particles onto the voxels whose low corner (0, 0, 0) is the world's origin. A particle is smeared evenly along
-/// position + velocity·t while the shutter is open, in pieces at most half a kernel radius apart.
+/// position + velocity·t while the shutter is open, in pieces at most half a kernel radius apart; of its pieces those
+/// count that can be seen from its position.
 ///
 /// # Errors
 /// [`GridError::BadParticle`] for the first particle with a value out of range, [`GridError::OverMemory`] before anything
 /// large is allocated, [`GridError::Lengths`], [`GridError::VoxelSize`].
-pub fn splat(input: &SplatInput, settings: &SplatSettings) -> Result<DensityGrid, GridError> {
+pub fn splat(input: &SplatInput, settings: &SplatSettings) -> Result<Splat, GridError> {
     let splatter = Splatter::try_new(input, settings)?;
+    let limit = settings.memory_limit_bytes;
     let Some((brick_min, brick_max)) = splatter.brick_box() else {
-        return DensityGrid::from_bricks(DVec3::ZERO, settings.voxel_size, &[], &[], settings.memory_limit_bytes);
+        let grid = DensityGrid::from_bricks(DVec3::ZERO, settings.voxel_size, &[], &[], limit)?;
+        return Ok(Splat { grid, mass: SplatMass::default() });
     };
     let dims = (brick_max - brick_min + 1).as_u64vec3();
     let pair_count: u64 = splatter.indices().map(|i| splatter.brick_count(i)).sum();
     let pair_bytes = pair_count.saturating_mul(2 * size_of::<u64>() as u64);
-    check_memory(dims, 0, settings.memory_limit_bytes.saturating_sub(pair_bytes))?;
+    check_memory(dims, 0, limit.saturating_sub(pair_bytes))?;
     let dims = dims.as_uvec3();
     let pairs = splatter.sorted_pairs(brick_min, dims);
-    let bricks: Vec<&[u64]> = pairs.chunk_by(|a, b| a >> 32 == b >> 32).collect();
-    check_memory(dims.as_u64vec3(), bricks.len() as u64, settings.memory_limit_bytes.saturating_sub(pair_bytes))?;
+    let chunks: Vec<&[u64]> = pairs.chunk_by(|a, b| a >> 32 == b >> 32).collect();
     let coord = |pair: u64| brick_min + place_to_brick((pair >> 32) as u32, dims).as_ivec3();
-    let coords: Vec<IVec3> = bricks.iter().map(|b| coord(b[0])).collect();
-    let values: Vec<BrickValues> =
-        coords.par_iter().zip(&bricks).map(|(&brick, pairs)| splatter.sum_brick(brick, pairs)).collect();
-    drop(bricks);
+    let bricks: Vec<BrickPairs> = chunks.iter().map(|&pairs| BrickPairs { brick: coord(pairs[0]), pairs }).collect();
+    let held_bytes = pair_bytes.saturating_add(splatter.wall_bytes(&bricks));
+    check_memory(dims.as_u64vec3(), bricks.len() as u64, limit.saturating_sub(held_bytes))?;
+    let walls = splatter.measure_walls(&bricks);
+    let values: Vec<BrickValues> = (0..bricks.len())
+        .into_par_iter()
+        .map(|n| splatter.sum_brick(&bricks[n], walls.distances.get(n).and_then(Option::as_deref), &walls.kept))
+        .collect();
+    let coords: Vec<IVec3> = bricks.iter().map(|b| b.brick).collect();
+    let mut mass = splatter.account(&walls.kept);
+    drop((walls, bricks, chunks));
     drop(pairs);
-    DensityGrid::from_bricks(DVec3::ZERO, settings.voxel_size, &coords, &values, settings.memory_limit_bytes)
+    let grid = DensityGrid::from_bricks(DVec3::ZERO, settings.voxel_size, &coords, &values, limit)?;
+    mass.grid = grid.mass();
+    Ok(Splat { grid, mass })
+}
+
+/// A brick and its pairs, in the order of particles.
+struct BrickPairs<'a> {
+    brick: IVec3,
+    pairs: &'a [u64],
+}
+
+/// What obstacles do to the particles near them.
+struct Walls {
+    /// The share that they leave of each particle near them, `None` of others; empty when there are no obstacles.
+    kept: Vec<Option<f64>>,
+    /// For each brick, the distances of its voxels where a particle near a wall reaches it.
+    distances: Vec<Option<Box<BrickDistances>>>,
+}
+
+fn particle_of(pair: u64) -> usize {
+    (pair & u64::from(u32::MAX)) as usize
 }
 
 fn place_to_brick(place: u32, dims: UVec3) -> UVec3 {
     UVec3::new(place % dims.x, place / dims.x % dims.y, place / dims.x / dims.y)
 }
 
-/// The kernel of one piece of one particle: where it starts and its weights along each axis, which add up to 1.
-struct Kernel {
-    low: IVec3,
-    width: IVec3,
-    weights: [[f32; MAX_WIDTH]; 3],
-}
-
-impl Kernel {
-    fn zeroed() -> Self {
-        Self { low: IVec3::ZERO, width: IVec3::ZERO, weights: [[0.0; MAX_WIDTH]; 3] }
-    }
-
-    /// Sets the kernel to one of `radius` about `center` [voxels, relative to voxel centres].
-    fn place(&mut self, center: DVec3, radius: f64) {
-        let (low, high) = reach(center, radius);
-        self.low = low;
-        self.width = high - low + 1;
-        let inverse = (1.0 / radius) as f32;
-        for axis in 0..3 {
-            let start = (f64::from(low[axis]) - center[axis]) as f32;
-            let weights = &mut self.weights[axis][..self.width[axis] as usize];
-            let mut sum = 0.0f32;
-            for (i, weight) in weights.iter_mut().enumerate() {
-                let u = (start + i as f32) * inverse;
-                let s = (1.0 - u * u).max(0.0);
-                *weight = s * s * s;
-                sum += *weight;
-            }
-            let normalise = 1.0 / sum;
-            weights.iter_mut().for_each(|w| *w *= normalise);
-        }
-    }
-
-    /// Adds `amount` times the kernel to the voxels of `brick`.
-    fn add_to(&self, values: &mut [f64; BRICK_VOXELS], brick: IVec3, amount: f64) {
-        let base = self.low - brick * BRICK_EDGE as i32;
-        let from = base.max(IVec3::ZERO);
-        let to = (base + self.width).min(IVec3::splat(BRICK_EDGE as i32));
-        if from.cmpge(to).any() {
-            return;
-        }
-        let (wx, wy, wz) = (&self.weights[0], &self.weights[1], &self.weights[2]);
-        let wx = &wx[(from.x - base.x) as usize..(to.x - base.x) as usize];
-        for z in from.z..to.z {
-            let layer = amount * f64::from(wz[(z - base.z) as usize]);
-            for y in from.y..to.y {
-                let factor = layer * f64::from(wy[(y - base.y) as usize]);
-                let start = ((z * 8 + y) * 8 + from.x) as usize;
-                for (value, w) in values[start..start + wx.len()].iter_mut().zip(wx) {
-                    *value += factor * f64::from(*w);
-                }
-            }
-        }
-    }
-}
-
-/// First and last voxel whose centre is within `radius` of `center` along each axis.
-fn reach(center: DVec3, radius: f64) -> (IVec3, IVec3) {
-    let (low, high) = (center - radius, center + radius);
-    (low.to_array().map(|x| -floor(-x)).into(), high.to_array().map(floor).into())
-}
-
-/// The floor of a number in the range of `i32`; the baseline processor has no instruction for it, and the library call
-/// would cost more than the kernel.
-#[inline]
-fn floor(x: f64) -> i32 {
-    let truncated = x as i32;
-    truncated - i32::from(f64::from(truncated) > x)
-}
-
 struct Splatter<'a> {
     input: &'a SplatInput<'a>,
     shutter: [f64; 2],
     inverse_voxel_size: f64,
+    sight: Option<Sight<'a>>,
+    /// [voxels]
+    soft_radius: Option<f64>,
 }
 
 impl<'a> Splatter<'a> {
@@ -165,7 +135,14 @@ impl<'a> Splatter<'a> {
         if let Some(other) = slices.map(|s| s.len()).find(|&n| n != count) {
             return Err(GridError::Lengths(count, other));
         }
-        let splatter = Self { input, shutter: settings.shutter_seconds, inverse_voxel_size: 1.0 / h };
+        let is_soft = settings.soft_radius.is_none_or(|r| r > 0.0);
+        let splatter = Self {
+            input,
+            shutter: settings.shutter_seconds,
+            inverse_voxel_size: 1.0 / h,
+            sight: input.obstacles.filter(|_| is_soft).map(|o| Sight::new(o, h)),
+            soft_radius: settings.soft_radius.map(|r| r / h),
+        };
         match (0..count).into_par_iter().find_map_first(|i| splatter.complaint(i)) {
             Some(error) => Err(error),
             None => Ok(splatter),
@@ -291,50 +268,161 @@ impl<'a> Splatter<'a> {
         pairs
     }
 
-    /// Densities of one brick, summed over its pairs in their order.
-    fn sum_brick(&self, brick: IVec3, pairs: &[u64]) -> BrickValues {
+    fn soft_radius(&self, i: usize) -> f64 {
+        self.soft_radius.unwrap_or_else(|| self.radius(i))
+    }
+
+    /// Middle of the streak of particle `i`, and half its length [voxels].
+    fn streak(&self, i: usize) -> (DVec3, f64) {
+        let (position, velocity) = (self.vector(&self.input.position, i), self.vector(&self.input.velocity, i));
+        let [open, close] = self.shutter;
+        let middle = (position + velocity * (0.5 * (open + close))) * self.inverse_voxel_size - 0.5;
+        (middle, 0.5 * velocity.length() * (close - open).abs() * self.inverse_voxel_size)
+    }
+
+    /// Where particle `i` is at its instant [voxels, relative to voxel centres].
+    fn own_place(&self, i: usize) -> DVec3 {
+        self.vector(&self.input.position, i) * self.inverse_voxel_size - 0.5
+    }
+
+    /// True when a wall may take something of particle `i`.
+    fn is_near_wall(&self, sight: &Sight, i: usize) -> bool {
+        let (middle, half_length) = self.streak(i);
+        // A shutter that is open at another time than the particle's instant: the line of sight to the pieces counts.
+        let detour = middle.distance(self.own_place(i));
+        let reach = self.radius(i) * 3f64.sqrt() + half_length.max(detour);
+        sight.sound(middle).distance < reach + self.soft_radius(i)
+    }
+
+    /// The shares that walls leave, found brick by brick and added up in the order of bricks.
+    fn measure_walls(&self, bricks: &[BrickPairs]) -> Walls {
+        let Some(sight) = &self.sight else { return Walls { kept: Vec::new(), distances: Vec::new() } };
+        let count = self.input.mass.len();
+        let is_near: Vec<bool> =
+            (0..count).into_par_iter().map(|i| self.input.mass[i] > 0.0 && self.is_near_wall(sight, i)).collect();
+        let mut kept: Vec<Option<f64>> = is_near.iter().map(|&near| near.then_some(0.0)).collect();
+        let measured: Vec<_> = bricks
+            .par_iter()
+            .map(|b| {
+                let near: Vec<usize> = b.pairs.iter().map(|&pair| particle_of(pair)).filter(|&i| is_near[i]).collect();
+                if near.is_empty() {
+                    return (None, Vec::new());
+                }
+                let distances = sight.of_brick(b.brick);
+                let mut kernel = Kernel::zeroed();
+                let shares = near.into_iter().map(|i| {
+                    let mut share = 0.0;
+                    self.for_each_seen(sight, &mut kernel, b.brick, &distances, i, |_, weight| share += weight);
+                    (i as u32, share)
+                });
+                let shares: Vec<(u32, f64)> = shares.collect();
+                (Some(distances), shares)
+            })
+            .collect();
+        let mut distances = Vec::with_capacity(bricks.len());
+        for (of_brick, shares) in measured {
+            for (i, share) in shares {
+                kept[i as usize] = kept[i as usize].map(|sum| sum + share);
+            }
+            distances.push(of_brick);
+        }
+        Walls { kept, distances }
+    }
+
+    /// At most what [`Splatter::measure_walls`] will hold [bytes].
+    fn wall_bytes(&self, bricks: &[BrickPairs]) -> u64 {
+        if self.sight.is_none() {
+            return 0;
+        }
+        let pair_count: usize = bricks.iter().map(|b| b.pairs.len()).sum();
+        let of_bricks = bricks.len() * (size_of::<BrickDistances>() + 64);
+        (of_bricks + pair_count * size_of::<(u32, f64)>() + self.input.mass.len() * (1 + size_of::<Option<f64>>()))
+            as u64
+    }
+
+    /// Calls `visit` with number and weight of each voxel of `brick` that particle `i` reaches and walls leave it; all
+    /// weights of a particle that walls take nothing from add up to 1.
+    fn for_each_seen(
+        &self,
+        sight: &Sight,
+        kernel: &mut Kernel,
+        brick: IVec3,
+        distances: &BrickDistances,
+        i: usize,
+        mut visit: impl FnMut(usize, f64),
+    ) {
+        let radius = self.radius(i);
+        let inverse_soft = 1.0 / self.soft_radius(i);
+        let own = sight.sound(self.own_place(i));
+        let centers = self.centers(i);
+        let piece = 1.0 / centers.len() as f64;
+        for center in centers.filter(|&c| touches(c, radius, brick)) {
+            let from = if center == own.place { own } else { sight.sound(center) };
+            // A piece behind a wall: the streak is straight and the particle's path went round.
+            if !sight.is_clear(own, from) {
+                continue;
+            }
+            kernel.place(center, radius);
+            kernel.for_each_voxel(brick, |number, voxel, weight| {
+                let distance = f64::from(distances[number]);
+                let left = piece * weight * fade(distance * inverse_soft);
+                if left > 0.0 && sight.is_clear(from, Sounding { place: voxel.as_dvec3(), distance }) {
+                    visit(number, left);
+                }
+            });
+        }
+    }
+
+    /// Densities of one brick, summed over its pairs in their order. `distances` are there if any particle of the brick
+    /// is near a wall, and `kept` are the shares of all particles, or empty.
+    fn sum_brick(&self, b: &BrickPairs, distances: Option<&BrickDistances>, kept: &[Option<f64>]) -> BrickValues {
         // Single precision would lose mass where a million particles meet in one voxel.
         let mut values = [0.0f64; BRICK_VOXELS];
         let mut kernel = Kernel::zeroed();
-        let (low, high) = (brick * BRICK_EDGE as i32, brick * BRICK_EDGE as i32 + (BRICK_EDGE as i32 - 1));
-        for pair in pairs {
-            let i = (pair & u64::from(u32::MAX)) as usize;
+        for &pair in b.pairs {
+            let i = particle_of(pair);
+            let density = f64::from(self.input.mass[i]) * self.inverse_voxel_size.powi(3);
+            let share = kept.get(i).copied().flatten();
+            if let (Some(sight), Some(distances), Some(share)) = (&self.sight, distances, share) {
+                let amount = density * gain(share);
+                self.for_each_seen(sight, &mut kernel, b.brick, distances, i, |number, weight| {
+                    values[number] += amount * weight;
+                });
+                continue;
+            }
             let radius = self.radius(i);
             let centers = self.centers(i);
-            let density = f64::from(self.input.mass[i]) * self.inverse_voxel_size.powi(3) / centers.len() as f64;
-            for center in centers {
-                let (first, last) = (center - radius, center + radius);
-                if first.cmple(high.as_dvec3()).all() && last.cmpge(low.as_dvec3()).all() {
-                    kernel.place(center, radius);
-                    kernel.add_to(&mut values, brick, density);
-                }
+            let amount = density / centers.len() as f64;
+            for center in centers.filter(|&c| touches(c, radius, b.brick)) {
+                kernel.place(center, radius);
+                kernel.add_to(&mut values, b.brick, amount);
             }
         }
         values.map(|v| v as f32)
+    }
+
+    /// Where the mass of the particles went, added up in their order; what the grid holds is left at 0.
+    fn account(&self, kept: &[Option<f64>]) -> SplatMass {
+        let mut mass = SplatMass::default();
+        for (i, &m) in self.input.mass.iter().enumerate() {
+            let m = f64::from(m);
+            mass.particles += m;
+            let Some(share) = kept.get(i).copied().flatten() else { continue };
+            // Less is the rounding of weights.
+            if share < 1.0 - 1e-6 {
+                mass.faded += m * (1.0 - share);
+            }
+            if share < SHARE_MIN {
+                mass.lost += m * (1.0 - share * gain(share));
+            }
+        }
+        mass
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn weights_add_up_to_one_and_are_never_empty() {
-        let mut kernel = Kernel::zeroed();
-        for i in 0..10_000 {
-            let t = f64::from(i) * 0.618;
-            let center = DVec3::new(t.sin() * 50.0, t.cos() * 9.0, t * 0.01);
-            let radius = MIN_RADIUS + (t % 1.0) * 5.0;
-            kernel.place(center, radius);
-            for axis in 0..3 {
-                let weights = &kernel.weights[axis][..kernel.width[axis] as usize];
-                assert!((weights.iter().sum::<f32>() - 1.0).abs() < 3e-7);
-                assert!(weights.iter().all(|&w| w >= 0.0));
-            }
-        }
-        kernel.place(DVec3::splat(0.5), MAX_RADIUS);
-        assert!(kernel.width.max_element() as usize <= MAX_WIDTH);
-    }
 
     #[test]
     fn every_brick_of_a_streak_is_listed_once() {
@@ -344,8 +432,14 @@ mod tests {
             velocity: [&velocity[0], &velocity[1], &velocity[2]],
             mass: &[1.0],
             radius: &[2.5],
+            obstacles: None,
         };
-        let settings = SplatSettings { voxel_size: 1.0, shutter_seconds: [-0.5, 0.5], memory_limit_bytes: 1 << 30 };
+        let settings = SplatSettings {
+            voxel_size: 1.0,
+            shutter_seconds: [-0.5, 0.5],
+            soft_radius: None,
+            memory_limit_bytes: 1 << 30,
+        };
         let splatter = Splatter::try_new(&input, &settings).unwrap();
         let mut listed = Vec::new();
         splatter.for_each_brick(0, |b| listed.push(b.to_array()));

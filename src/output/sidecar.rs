@@ -41,6 +41,8 @@ pub struct Sidecar {
     pub truncated_paths: f64,
     /// Voxels that hold density, and memory of the grid [bytes].
     pub grid: GridFigures,
+    /// Where the particles' mass went [density·m³]; zeros for density from a file.
+    pub mass: MassFigures,
     /// Largest memory that the process has had so far [bytes].
     pub memory_peak: u64,
     /// The machine.
@@ -66,6 +68,20 @@ pub struct GridFigures {
     pub active_voxels: u64,
     /// Memory [bytes].
     pub bytes: u64,
+}
+
+/// Where the mass of the particles went [density·m³].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MassFigures {
+    /// Of all particles.
+    pub particles: f64,
+    /// In the grid: `particles − lost`, but for rounding.
+    pub grid: f64,
+    /// Taken away by obstacles, and then moved within the particles' kernels or lost.
+    pub faded: f64,
+    /// Lost because nothing of a particle's kernel could be seen from it. Part of `faded`.
+    pub lost: f64,
 }
 
 /// The machine that a frame was made on.

@@ -126,6 +126,11 @@ impl ParticleSystem {
         self.particle_steps
     }
 
+    /// The particles of the frame last asked for.
+    pub fn particles(&self) -> &Particles {
+        &self.frame
+    }
+
     /// The particles alive at a frame. Frames may come in any order; going on from the one before is cheapest.
     ///
     /// # Errors

@@ -577,6 +577,11 @@ pub struct Grid {
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub expansion: f64,
+    /// Distance from `flow.obstacles` at which kernels begin to fade, so that smoke neither hides in walls nor comes
+    /// out behind thin ones [m]. 0 lets kernels ignore obstacles. Default each particle's kernel radius.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub soft_radius: Option<f64>,
 }
 
 /// Density from .vdb files.

@@ -1,0 +1,172 @@
+//! Soft particles: what obstacles leave of a kernel.
+//!
+//! Towards a wall the kernel fades by a quartic of the distance (the soft particles of *Noise-Based Particles*, 2011,
+//! with the distance to the wall itself in place of the depth behind it), and where the particle cannot see, it puts
+//! nothing. A distance alone cannot tell one side of a thin plate from the other, so sight is tested along the straight
+//! line from the particle: by the two balls that are known to be empty where they cover it, by sphere tracing elsewhere.
+//!
+//! All lengths here are in voxels, and places are relative to voxel centres, unless they say otherwise.
+
+use crate::grid::{BRICK_EDGE, BRICK_VOXELS, local_voxel};
+use glam::{DVec3, IVec3};
+
+/// The least step along a line of sight [voxels]. A plate thicker than this is never stepped over. Lines that run along
+/// a wall closer than this take the most steps.
+pub const SIGHT_STEP: f64 = 1.0 / 12.0;
+/// The least share of a particle that is blown up to the whole. Of less, every voxel gets its weight over this much: a
+/// particle that sees the corner of one voxel through a crack must not put all its mass there.
+pub const SHARE_MIN: f64 = 1.0 / 64.0;
+
+/// Where obstacles are.
+pub trait ObstacleDistance: Sync + std::fmt::Debug {
+    /// Sets `distances` to the signed distance [m] of each of `points` [m] to the nearest obstacle, negative inside;
+    /// both slices have the same length. It is at most the true distance outside, or thin walls may be overlooked, and
+    /// a pure function of the point.
+    fn distances(&self, points: &[DVec3], distances: &mut [f64]);
+}
+
+/// Where the mass of the particles has gone [density·m³].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SplatMass {
+    /// Of all particles.
+    pub particles: f64,
+    /// In the grid, as its voxels add up: `particles − lost`, but for rounding.
+    pub grid: f64,
+    /// Taken away by walls, and then moved to what the particle still sees or lost.
+    pub faded: f64,
+    /// Lost because the particle sees nothing, or next to nothing, of its kernel. Part of `faded`.
+    pub lost: f64,
+}
+
+/// Distances of the voxels of a brick.
+pub(crate) type BrickDistances = [f32; BRICK_VOXELS];
+
+/// The share of its weight that a kernel keeps at a distance from the wall of `t` times the soft radius: `1 − (1 − t)⁴`
+/// from 0 on the wall and inside to 1 from t = 1 on, with three continuous derivatives there.
+#[inline]
+pub fn fade(t: f64) -> f64 {
+    let s = 1.0 - t.clamp(0.0, 1.0);
+    1.0 - (s * s) * (s * s)
+}
+
+/// What a particle with the share `kept` of its mass multiplies its weights by.
+pub(crate) fn gain(kept: f64) -> f64 {
+    1.0 / kept.max(SHARE_MIN)
+}
+
+/// A place with its distance to the nearest wall.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sounding {
+    pub place: DVec3,
+    pub distance: f64,
+}
+
+/// The obstacles as the splatter sees them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sight<'a> {
+    obstacles: &'a dyn ObstacleDistance,
+    voxel_size: f64,
+    inverse_voxel_size: f64,
+}
+
+impl<'a> Sight<'a> {
+    pub fn new(obstacles: &'a dyn ObstacleDistance, voxel_size: f64) -> Self {
+        Self { obstacles, voxel_size, inverse_voxel_size: 1.0 / voxel_size }
+    }
+
+    pub fn sound(&self, place: DVec3) -> Sounding {
+        let mut distance = [0.0];
+        self.obstacles.distances(&[(place + 0.5) * self.voxel_size], &mut distance);
+        Sounding { place, distance: distance[0] * self.inverse_voxel_size }
+    }
+
+    /// The distance of every voxel of a brick.
+    pub fn of_brick(&self, brick: IVec3) -> Box<BrickDistances> {
+        let corner = brick * BRICK_EDGE as i32;
+        let points: [DVec3; BRICK_VOXELS] =
+            std::array::from_fn(|i| ((corner + local_voxel(i).as_ivec3()).as_dvec3() + 0.5) * self.voxel_size);
+        let mut metres = [0.0; BRICK_VOXELS];
+        self.obstacles.distances(&points, &mut metres);
+        Box::new(metres.map(|d| (d * self.inverse_voxel_size) as f32))
+    }
+
+    /// True when no wall is between two places outside of walls; false when one of them is inside.
+    #[inline]
+    pub fn is_clear(&self, from: Sounding, to: Sounding) -> bool {
+        if from.distance < 0.0 || to.distance < 0.0 {
+            return false;
+        }
+        let length = from.place.distance(to.place);
+        // The empty balls round both ends meet.
+        length < from.distance + to.distance || self.is_clear_along(from, to, length)
+    }
+
+    #[inline(never)]
+    fn is_clear_along(&self, from: Sounding, to: Sounding, length: f64) -> bool {
+        let direction = (to.place - from.place) / length.max(f64::MIN_POSITIVE);
+        let mut along = from.distance.max(SIGHT_STEP);
+        while along < length - to.distance {
+            let distance = self.sound(from.place + direction * along).distance;
+            if distance < 0.0 {
+                return false;
+            }
+            along += distance.max(SIGHT_STEP);
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An endless plate across x between two places [m].
+    #[derive(Debug)]
+    struct Plate(f64, f64);
+
+    impl ObstacleDistance for Plate {
+        fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
+            for (p, d) in points.iter().zip(distances) {
+                *d = (self.0 - p.x).max(p.x - self.1);
+            }
+        }
+    }
+
+    #[test]
+    fn fading_is_smooth_and_monotone_from_nothing_to_all() {
+        assert_eq!((fade(-1.0), fade(0.0), fade(1.0), fade(7.0)), (0.0, 0.0, 1.0, 1.0));
+        assert_eq!(fade(f64::INFINITY), 1.0);
+        let steps: Vec<f64> = (0..=100).map(|i| fade(f64::from(i) / 100.0)).collect();
+        assert!(steps.windows(2).all(|w| w[0] < w[1]));
+        assert!((fade(1.0) - fade(1.0 - 1e-3)).abs() < 1e-11, "the slope at the far end is 0");
+    }
+
+    #[test]
+    fn no_line_of_sight_goes_through_a_plate() {
+        for thickness in [1.01 * SIGHT_STEP, 0.1, 3.0] {
+            let plate = Plate(0.5, 0.5 + 0.02 * thickness);
+            let sight = Sight::new(&plate, 0.02);
+            for i in 0..2000 {
+                let t = f64::from(i);
+                let near = DVec3::new(24.5 - 6.0 * (t * 0.618).fract(), (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
+                let mut far = DVec3::new(24.5 + thickness + 6.0 * (t * 0.414).fract(), 0.0, (t * 0.13).sin() * 9.0);
+                let [a, b] = [near, far].map(|p| sight.sound(p));
+                assert!(!sight.is_clear(a, b) && !sight.is_clear(b, a), "{near} {far}");
+                far.x = 24.5 - 1e-3 - (t * 0.414).fract();
+                assert!(sight.is_clear(a, sight.sound(far)), "{near} {far}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_brick_has_the_distances_of_its_voxels() {
+        let plate = Plate(0.1, 0.3);
+        let sight = Sight::new(&plate, 0.05);
+        let brick = IVec3::new(-1, 2, 0);
+        let distances = sight.of_brick(brick);
+        for (i, &d) in distances.iter().enumerate() {
+            let voxel = (brick * 8 + local_voxel(i).as_ivec3()).as_dvec3();
+            assert!((f64::from(d) - sight.sound(voxel).distance).abs() < 1e-5);
+        }
+    }
+}
