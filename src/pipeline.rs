@@ -4,6 +4,7 @@ mod mask_files;
 
 use crate::error::Error;
 use crate::flow::VelocityField;
+use crate::flow::field::FieldSpan;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
@@ -157,9 +158,8 @@ impl Studio {
         let world = match &self.world {
             Some(world) => world,
             None => {
-                let frames = &scene.settings.frames;
-                let time = (f64::from(frame) - f64::from(frames.first)) / frames.fps;
-                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &self.geometry.at(time)))?;
+                let geometry = self.geometry.at(time_of(scene, frame));
+                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &geometry))?;
                 &moved
             }
         };
@@ -171,6 +171,12 @@ impl Studio {
         record.truncated_paths = film.paths.truncated as f64 / film.paths.traced.max(1) as f64;
         Ok(film)
     }
+}
+
+/// Time of a frame [s].
+fn time_of(scene: &Scene, frame: i32) -> f64 {
+    let frames = &scene.settings.frames;
+    (f64::from(frame) - f64::from(frames.first)) / frames.fps
 }
 
 fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, RenderError> {
@@ -225,8 +231,8 @@ impl SmokeSource {
                 let particles = system.particles();
                 record.add_time(Stage::Advect, start.elapsed());
                 record.particles = particles.mass.len() as u64;
-                let walls = FlowObstacles(system.field());
-                let has_walls = !scene.settings.flow.obstacles.is_empty();
+                let walls = FlowObstacles(system.field().span(time_of(scene, frame), 0.0));
+                let has_walls = !system.field().obstacles().is_empty();
                 let input = SplatInput {
                     position: particles.position.each_ref().map(Vec::as_slice),
                     velocity: particles.velocity.each_ref().map(Vec::as_slice),
@@ -253,12 +259,12 @@ impl SmokeSource {
 
 /// The obstacles of the flow as splatting asks for them: the one place where the two meet.
 #[derive(Debug)]
-struct FlowObstacles<'a>(&'a VelocityField);
+struct FlowObstacles<'a>(FieldSpan<'a>);
 
 impl ObstacleDistance for FlowObstacles<'_> {
     fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
         for (point, distance) in points.iter().zip(distances) {
-            *distance = self.0.distance::<f64>(point.to_array());
+            *distance = self.0.distance(point.to_array(), 0.0);
         }
     }
 }
