@@ -53,6 +53,7 @@ pub struct Painter<'a> {
     seed: Seed,
     top_speed: f64,
     stream: Option<StreamFunction>,
+    lic: Option<Vec<f32>>,
 }
 
 impl<'a> Painter<'a> {
@@ -60,7 +61,7 @@ impl<'a> Painter<'a> {
     pub fn new(slice: &'a Slice, seed: Seed) -> Self {
         let outside = slice.samples.iter().filter(|s| !s.is_inside());
         let top_speed = top(outside.map(|s| s.velocity.length()).collect());
-        Self { slice, seed, top_speed, stream: None }
+        Self { slice, seed, top_speed, stream: None, lic: None }
     }
 
     /// The stream function of the slice.
@@ -76,15 +77,18 @@ impl<'a> Painter<'a> {
             Quantity::Divergence => self.divergence(),
             Quantity::Distance => self.distance(),
             Quantity::Stream => self.stream_lines(),
-            Quantity::Lic => self.lic(),
+            Quantity::Lic => self.strokes(),
         }
     }
 
     /// Smeared noise with mean 0 and standard deviation 1 outside obstacles.
-    pub fn lic_values(&self) -> Vec<f32> {
-        let is_solid = self.slice.samples.iter().map(|s| s.is_inside()).collect();
-        let directions = Directions::new(&self.slice.in_plane(), is_solid, self.slice.size);
-        directions.convolve((LIC_HALF_LENGTH * f64::from(self.slice.size[1])).max(4.0), self.seed)
+    pub fn lic(&mut self) -> &[f32] {
+        let (slice, seed) = (self.slice, self.seed);
+        self.lic.get_or_insert_with(|| {
+            let is_solid = slice.samples.iter().map(|s| s.is_inside()).collect();
+            let directions = Directions::new(&slice.in_plane(), is_solid, slice.size);
+            directions.convolve((LIC_HALF_LENGTH * f64::from(slice.size[1])).max(4.0), seed)
+        })
     }
 
     fn speed_colour(&self, pixel: usize) -> Rgb {
@@ -98,9 +102,9 @@ impl<'a> Painter<'a> {
         canvas
     }
 
-    fn lic(&self) -> Canvas {
-        let values = self.lic_values();
-        // Nothing flows where nothing is smeared: still air has no grain.
+    fn strokes(&mut self) -> Canvas {
+        self.lic();
+        let values = self.lic.as_deref().unwrap_or_default();
         let mut canvas = Canvas::from_fn(self.slice.size, |i| {
             lightened(self.speed_colour(i), LIC_CONTRAST * f64::from(values[i].clamp(-2.5, 2.5)))
         });
