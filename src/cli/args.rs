@@ -43,7 +43,7 @@ pub enum Verb {
     )]
     Compare(CompareArguments),
     /// Look at the flow of a scene without smoke
-    #[command(subcommand)]
+    #[command(subcommand, after_help = "Example: curlsmoke flow slice scenes/plume.yaml -o out/flow")]
     Flow(FlowVerb),
     /// Trace lines along the flow of a scene, to .obj or .ply
     #[command(

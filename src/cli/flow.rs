@@ -33,8 +33,8 @@ fn slice(arguments: &SliceArguments) -> Result<u8, Error> {
     let rectangle = rectangle(&inspection, &arguments.plane, size)?;
     check_square(rectangle.size(), size)?;
     let what = format!("a slice of {} × {} pixels", size[0], size[1]);
-    let count = u64::from(size[0]) * u64::from(size[1]);
-    inspection.check_memory(what, count, BYTES_PER_PIXEL, "choose a smaller --resolution")?;
+    let bytes = (u64::from(size[0]) * u64::from(size[1])).saturating_mul(BYTES_PER_PIXEL);
+    inspection.check_memory(what, bytes, "choose a smaller --resolution")?;
     if quantities.contains(&Quantity::Distance) && !inspection.has_obstacles() {
         return Err(InspectError::NoObstacles.into());
     }
@@ -135,7 +135,8 @@ struct SliceFiles {
 
 impl SliceFiles {
     fn new(output: &Path, quantities: &[Quantity]) -> Self {
-        let is_ours = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png") || e.eq_ignore_ascii_case("exr"));
+        let is_ours =
+            output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png") || e.eq_ignore_ascii_case("exr"));
         let stem = if is_ours { output.with_extension("") } else { output.to_path_buf() };
         let named = |ending: String| {
             let mut name: OsString = stem.clone().into_os_string();

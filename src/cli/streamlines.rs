@@ -6,8 +6,9 @@ use crate::cli::print_result;
 use crate::cli::progress::count as spelled;
 use crate::error::Error;
 use crate::inspect::line_file::LineFormat;
+use crate::inspect::plane::jittered;
 use crate::inspect::streamlines::{BYTES_PER_POINT, Line, LineEnd, Reach, TraceSettings, trace};
-use crate::inspect::{InspectError, Inspection, line_picture, plane_seeds};
+use crate::inspect::{InspectError, Inspection, line_picture};
 use crate::output::extension;
 use crate::output::file::{check_writable, write_atomic};
 use crate::scene::Scene;
@@ -28,13 +29,14 @@ pub(super) fn run(arguments: &StreamlinesArguments) -> Result<u8, Error> {
     let steps = settings.step_count() as u64;
     let what = format!("{seed_count} lines of up to {steps} steps");
     let advice = "choose a smaller --count or --length, or a longer --step";
-    // A seventh more, as seeds on a plane may be a few more than asked.
-    let points = seed_count.saturating_add(seed_count / 7 + 1).saturating_mul(steps.saturating_add(1));
-    inspection.check_memory(what, points, BYTES_PER_POINT, advice)?;
-    let picture = format!("a preview of {} × {} pixels", size[0], size[1]);
+    // Half as much again, as seeds on a plane may be a few more than asked.
+    let bytes_per_step = BYTES_PER_POINT * (seed_count + seed_count / 2 + 1) + inspection.bytes_per_step();
+    inspection.check_memory(what, steps.saturating_add(1).saturating_mul(bytes_per_step), advice)?;
     if arguments.preview.is_some() {
+        let picture = format!("a preview of {} × {} pixels", size[0], size[1]);
         let pixels = u64::from(size[0]) * u64::from(size[1]);
-        inspection.check_memory(picture, pixels, line_picture::BYTES_PER_PIXEL, "choose a smaller --resolution")?;
+        let bytes = pixels.saturating_mul(line_picture::BYTES_PER_PIXEL);
+        inspection.check_memory(picture, bytes, "choose a smaller --resolution")?;
     }
     for path in [&arguments.output].into_iter().chain(&arguments.preview) {
         check_writable(path)?;
@@ -83,7 +85,7 @@ fn seeds(arguments: &StreamlinesArguments, inspection: &Inspection, size: [u32; 
         SeedPlace::Emitters => Ok(inspection.emitter_seeds(count)?),
         SeedPlace::Plane => {
             let rectangle = rectangle(inspection, &arguments.plane, size)?;
-            Ok(plane_seeds(&rectangle, count, inspection.seed()))
+            Ok(jittered(&rectangle, count, inspection.seed()))
         }
     }
 }

@@ -51,8 +51,11 @@ impl Canvas {
             };
             let (left, right) = (x.saturating_sub(1), (x + 1).min(columns - 1));
             let (top, bottom) = (y.saturating_sub(1), (y + 1).min(rows - 1));
-            let steepness = slope(y * columns + left, y * columns + right, right - left)
-                .hypot(slope(top * columns + x, bottom * columns + x, bottom - top));
+            let steepness = slope(y * columns + left, y * columns + right, right - left).hypot(slope(
+                top * columns + x,
+                bottom * columns + x,
+                bottom - top,
+            ));
             let from_level = spacing.map_or(field[i], |s| field[i] - (field[i] / s).round() * s).abs();
             let cover = 0.5 * width + 0.5 - from_level / steepness;
             if cover.is_finite() {
@@ -101,7 +104,7 @@ impl Canvas {
         let corner = [margin, self.size[1] - margin - panel[1]];
         let [x, y] = corner.map(|c| c + pad);
         let ink = [0.85; 3];
-        self.fill(corner, panel, [0.006, 0.008, 0.012], 0.72);
+        self.fill(corner, panel, [0.006, 0.008, 0.012], 0.8);
         self.text([x, y], dot, legend.title, ink);
         for column in 0..bar_width {
             let colour = (legend.colour)(f64::from(column) / f64::from(bar_width - 1));

@@ -75,8 +75,7 @@ impl Directions {
     /// 1 over all pixels outside obstacles, and is 0 inside; it does not depend on threads.
     pub fn convolve(&self, half_length: f64, seed: Seed) -> Vec<f32> {
         let steps = (half_length / STEP).ceil().max(1.0) as usize;
-        let window: Vec<f64> =
-            (0..=steps).map(|n| 0.5 + 0.5 * (PI * n as f64 / (steps + 1) as f64).cos()).collect();
+        let window: Vec<f64> = (0..=steps).map(|n| 0.5 + 0.5 * (PI * n as f64 / (steps + 1) as f64).cos()).collect();
         let width = self.size[0];
         let mut values: Vec<f32> = (0..self.unit.len())
             .into_par_iter()
@@ -132,9 +131,8 @@ mod tests {
     const SIZE: [u32; 2] = [96, 64];
 
     fn turning() -> Directions {
-        let velocity: Vec<[f64; 2]> = (0..SIZE[0] * SIZE[1])
-            .map(|i| [f64::from(i / SIZE[0]) - 31.5, f64::from(i % SIZE[0]) - 47.5])
-            .collect();
+        let velocity: Vec<[f64; 2]> =
+            (0..SIZE[0] * SIZE[1]).map(|i| [f64::from(i / SIZE[0]) - 31.5, f64::from(i % SIZE[0]) - 47.5]).collect();
         Directions::new(&velocity, vec![false; velocity.len()], SIZE)
     }
 

@@ -28,7 +28,7 @@ const FADE: f64 = 0.72;
 /// Light at the top and the foot of the background.
 const SKY: [Rgb; 2] = [[0.0045, 0.0065, 0.012], [0.013, 0.017, 0.027]];
 /// Reflectance of obstacles.
-const STONE: Rgb = [0.125, 0.13, 0.145];
+const STONE: Rgb = [0.27, 0.255, 0.245];
 /// Most steps of a ray towards an obstacle.
 const MARCH_STEPS: u32 = 160;
 
@@ -84,7 +84,14 @@ impl<'a> Picture<'a> {
         let texels = (0..size[0] * size[1])
             .map(|i| Texel { depth: f64::INFINITY, colour: sky((i / size[0]) as f64 / size[1] as f64) })
             .collect();
-        Self { camera, size, texels, depths: [near, far.max(near + 1e-6 * focus)], focus, top_speed: top.unwrap_or(1.0) }
+        Self {
+            camera,
+            size,
+            texels,
+            depths: [near, far.max(near + 1e-6 * focus)],
+            focus,
+            top_speed: top.unwrap_or(1.0),
+        }
     }
 
     fn size_f64(&self) -> [f64; 2] {
@@ -231,14 +238,15 @@ fn march(flow: &impl Flow, origin: DVec3, ray: DVec3, limit: f64) -> Option<f64>
     None
 }
 
-/// Light of an obstacle at a point on its surface: from above and a little from the camera, with a bright rim.
+/// Light of an obstacle at a point on its surface: from above and the right, a little from the camera, with a bright
+/// rim.
 fn stone(flow: &impl Flow, p: DVec3, view: DVec3, step: f64) -> Rgb {
     let difference = |axis: DVec3| flow.distance(p + axis * step) - flow.distance(p - axis * step);
     let normal = DVec3::from_array(DVec3::AXES.map(difference)).normalize_or(-view);
     let facing = (-normal.dot(view)).clamp(0.0, 1.0);
-    let rim = 0.35 * (1.0 - facing).powi(3);
-    let above = 0.5 + 0.5 * normal.dot(DVec3::new(0.35, 0.85, 0.4).normalize());
-    let light = 0.10 + 0.75 * above * above + 0.22 * facing + rim;
+    let rim = 0.20 * (1.0 - facing).powi(3);
+    let above = 0.5 + 0.5 * normal.dot(DVec3::new(0.45, 0.85, 0.3).normalize());
+    let light = 0.03 + 0.85 * above.powi(3) + 0.12 * facing + rim;
     STONE.map(|c| c * light as f32)
 }
 
@@ -249,7 +257,8 @@ mod tests {
     use crate::inspect::streamlines::{LineEnd, LinePoint};
 
     fn straight(z: f64) -> Line {
-        let point = |i: i32| LinePoint { position: DVec3::new(f64::from(i) * 0.02 - 1.0, 0.0, z), speed: 1.0, time: 0.0 };
+        let point =
+            |i: i32| LinePoint { position: DVec3::new(f64::from(i) * 0.02 - 1.0, 0.0, z), speed: 1.0, time: 0.0 };
         Line { points: (0..=100).map(point).collect(), end: LineEnd::Whole }
     }
 

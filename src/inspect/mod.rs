@@ -38,7 +38,9 @@ pub enum InspectError {
     )]
     NoEmitters,
     /// An emitter's shape cannot emit.
-    #[error("smoke.emitters[{emitter_idx}]: shape \"{shape}\" has no surface to start from: it must be a mesh with an area")]
+    #[error(
+        "smoke.emitters[{emitter_idx}]: shape \"{shape}\" has no surface to start from: it must be a mesh with an area"
+    )]
     NoSurface {
         /// Which emitter.
         emitter_idx: usize,
@@ -57,7 +59,9 @@ pub enum InspectError {
         seeds: usize,
     },
     /// More memory than allowed.
-    #[error("{what} needs {needed_gib:.2} GiB of memory, more than the limit of {limit_gib} GiB; {advice}, or raise it with --memory-limit")]
+    #[error(
+        "{what} needs {needed_gib:.2} GiB of memory, more than the limit of {limit_gib} GiB; {advice}, or raise it with --memory-limit"
+    )]
     OverMemoryLimit {
         /// What is too large.
         what: String,
@@ -79,6 +83,7 @@ pub struct Inspection {
     time: f64,
     seed: Seed,
     memory_limit_gib: f64,
+    bytes_per_step: u64,
 }
 
 impl Inspection {
@@ -104,6 +109,7 @@ impl Inspection {
             time: (f64::from(frame) - f64::from(settings.frames.first)) / settings.frames.fps,
             seed: Seed(settings.render.seed).derive(INSPECT_KEYS),
             memory_limit_gib: settings.render.memory_limit_gib,
+            bytes_per_step: bytes_per_step(&settings.flow),
         })
     }
 
@@ -154,9 +160,11 @@ impl Inspection {
         for (i, settings) in self.emitters.iter().enumerate() {
             let own = count * (i + 1) / self.emitters.len() - count * i / self.emitters.len();
             let emitter = self.emitter(settings, i, own as u64)?;
-            seeds.extend((0..own as u64).filter_map(|n| emitter.birth(n)).map(|birth| {
-                DVec3::from_array(birth.position.map(f64::from))
-            }));
+            seeds.extend(
+                (0..own as u64)
+                    .filter_map(|n| emitter.birth(n))
+                    .map(|birth| DVec3::from_array(birth.position.map(f64::from))),
+            );
         }
         Ok(seeds)
     }
@@ -192,38 +200,32 @@ impl Inspection {
         })
     }
 
-    /// An error where `count` of something need more memory than the scene allows.
+    /// Memory that the flow takes for each step of time that goes on, by a wide margin [bytes].
+    pub fn bytes_per_step(&self) -> u64 {
+        self.bytes_per_step
+    }
+
+    /// An error where something needs more memory than the scene allows.
     ///
     /// # Errors
     /// [`InspectError::OverMemoryLimit`] with what is too large and what makes it smaller.
-    pub fn check_memory(
-        &self,
-        what: impl Into<String>,
-        count: u64,
-        bytes_each: u64,
-        advice: &'static str,
-    ) -> Result<(), InspectError> {
-        let needed_gib = count as f64 * bytes_each as f64 / f64::from(1 << 30);
+    pub fn check_memory(&self, what: String, bytes: u64, advice: &'static str) -> Result<(), InspectError> {
+        let needed_gib = bytes as f64 / f64::from(1 << 30);
         if needed_gib > self.memory_limit_gib {
             let limit_gib = self.memory_limit_gib;
-            return Err(InspectError::OverMemoryLimit { what: what.into(), needed_gib, limit_gib, advice });
+            return Err(InspectError::OverMemoryLimit { what, needed_gib, limit_gib, advice });
         }
         Ok(())
     }
 }
 
-/// About `count` points on a rectangle, one at a random place in each field of a grid.
-pub fn plane_seeds(rectangle: &plane::Rectangle, count: usize, seed: Seed) -> Vec<DVec3> {
-    let [width, height] = rectangle.size();
-    let columns = ((count as f64 * width / height).sqrt().round() as usize).clamp(1, count.max(1));
-    let rows = (count as f64 / columns as f64).round().max(1.0) as usize;
-    (0..columns * rows)
-        .map(|i| {
-            let jitter = |axis: u64| f64::from(seed.derive(i as u64).uniform(axis));
-            let (x, y) = ((i % columns) as f64 + jitter(0), (i / columns) as f64 + jitter(1));
-            rectangle.point(x / columns as f64, y / rows as f64)
-        })
-        .collect()
+/// A kilobyte for each octave, and another for each obstacle that it goes round.
+fn bytes_per_step(flow: &settings::Flow) -> u64 {
+    let octaves = |p: &settings::Potential| match p {
+        settings::Potential::Noise(noise) => u64::from(noise.octaves),
+        settings::Potential::Uniform(_) => 1,
+    };
+    1024 * flow.potentials.iter().map(octaves).sum::<u64>() * (1 + flow.obstacles.len() as u64)
 }
 
 #[cfg(test)]
@@ -287,19 +289,5 @@ smoke:
         assert_eq!((seeds.len(), seeds[6]), (7, DVec3::X));
         assert!(seeds[..3].iter().all(|p| (p.y - 0.1).abs() < 1e-6 && p.length() < 0.25));
         assert_eq!(seeds, inspection(9).emitter_seeds(7).unwrap());
-    }
-
-    #[test]
-    fn seeds_of_a_plane_cover_it_evenly() {
-        let rectangle = plane::Rectangle::try_new(DVec3::ZERO, DVec3::Z, [4.0, 1.0]).unwrap();
-        let seeds = plane_seeds(&rectangle, 400, Seed(1));
-        assert_eq!(seeds.len(), 400);
-        let left = seeds.iter().filter(|p| p.x < 0.0).count();
-        assert_eq!(left, 200);
-        assert!(seeds.iter().all(|p| p.x.abs() <= 2.0 && p.y.abs() <= 0.5 && p.z == 0.0));
-        for count in [1, 2, 3, 7, 1000] {
-            let found = plane_seeds(&rectangle, count, Seed(1)).len();
-            assert!(found.abs_diff(count) <= 1 + count / 5, "{count}: {found}");
-        }
     }
 }

@@ -1,5 +1,6 @@
 //! A rectangle in space that is looked at as a picture, and the camera that pictures of lines are taken with.
 
+use crate::math::hash::Seed;
 use glam::DVec3;
 
 /// Which plane to look at.
@@ -147,6 +148,20 @@ pub fn choose(choice: PlaneChoice, size: Option<[f64; 2]>, aspect: f64, camera: 
     Rectangle::try_new(center, normal, size)
 }
 
+/// About `count` points on a rectangle, one at a random place in each field of a grid: rows of square fields, or nearly so.
+pub fn jittered(rectangle: &Rectangle, count: usize, seed: Seed) -> Vec<DVec3> {
+    let [width, height] = rectangle.size();
+    let columns = ((count as f64 * width / height).sqrt().round() as usize).clamp(1, count.max(1));
+    let rows = (count as f64 / columns as f64).round().max(1.0) as usize;
+    (0..columns * rows)
+        .map(|i| {
+            let jitter = |axis: u64| f64::from(seed.derive(i as u64).uniform(axis));
+            let (x, y) = ((i % columns) as f64 + jitter(0), (i / columns) as f64 + jitter(1));
+            rectangle.point(x / columns as f64, y / rows as f64)
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,5 +201,19 @@ mod tests {
         let [x, y, _] = camera.project(camera.look_at(), size).unwrap();
         assert!((x - 100.0).abs() < 1e-9 && (y - 50.0).abs() < 1e-9);
         assert!(camera.project(camera.position() * 2.0, size).is_none());
+    }
+
+    #[test]
+    fn seeds_of_a_plane_cover_it_evenly() {
+        let rectangle = Rectangle::try_new(DVec3::ZERO, DVec3::Z, [4.0, 1.0]).unwrap();
+        let seeds = jittered(&rectangle, 400, Seed(1));
+        assert_eq!(seeds.len(), 400);
+        let left = seeds.iter().filter(|p| p.x < 0.0).count();
+        assert_eq!(left, 200);
+        assert!(seeds.iter().all(|p| p.x.abs() <= 2.0 && p.y.abs() <= 0.5 && p.z == 0.0));
+        for count in [1, 2, 3, 7, 1000] {
+            let found = jittered(&rectangle, count, Seed(1)).len();
+            assert!(found.abs_diff(count) <= 1 + count / 5, "{count}: {found}");
+        }
     }
 }

@@ -10,11 +10,11 @@ use crate::math::hash::Seed;
 /// Half the length over which noise is smeared, as a share of the picture's height.
 const LIC_HALF_LENGTH: f64 = 0.045;
 /// Change of lightness for one standard deviation of smeared noise: enough to see lines, too little to hide the speed.
-const LIC_CONTRAST: f64 = 0.085;
+const LIC_CONTRAST: f64 = 0.075;
 /// Colours end at this share of the sorted magnitudes, so that one bright pixel does not leave the rest in the dark.
 const RANGE_SHARE: f64 = 0.998;
 /// About so many contour lines.
-const CONTOURS: f64 = 24.0;
+const CONTOURS: f64 = 48.0;
 /// Inside of obstacles and their outline.
 const SOLID: Rgb = [0.21, 0.21, 0.22];
 const OUTLINE: Rgb = [0.012, 0.012, 0.015];
@@ -115,8 +115,7 @@ impl<'a> Painter<'a> {
 
     fn stream_lines(&mut self) -> Canvas {
         self.stream();
-        let mut canvas =
-            Canvas::from_fn(self.slice.size, |i| mixed(self.speed_colour(i), [0.0; 3], 0.35));
+        let mut canvas = Canvas::from_fn(self.slice.size, |i| mixed(self.speed_colour(i), [0.0; 3], 0.35));
         if let Some(stream) = &self.stream {
             let (low, high) = bounds(stream.values.iter().copied());
             let width = 1.2 * f64::from(self.slice.size[1]) / 360.0;
@@ -140,12 +139,15 @@ impl<'a> Painter<'a> {
     fn distance(&self) -> Canvas {
         let distances: Vec<f64> = self.slice.samples.iter().map(|s| s.distance).collect();
         let (low, high) = bounds(distances.iter().copied().filter(|d| d.is_finite()));
-        let range = low.abs().max(high.abs()).max(1e-12);
-        let mut canvas = Canvas::from_fn(self.slice.size, |i| signed(distances[i] / range));
-        canvas.contours(&distances, Some(round_step(range, 0.7 * CONTOURS)), 1.0, OUTLINE, 0.35);
+        // Each side has a range of its own: the inside of an obstacle is small beside the air round it.
+        let high = if high > 0.0 { high } else { 1.0 };
+        let low = if low < 0.0 { -low } else { high };
+        let share = |d: f64| d / if d < 0.0 { low } else { high };
+        let mut canvas = Canvas::from_fn(self.slice.size, |i| signed(share(distances[i])));
+        canvas.contours(&distances, Some(round_step(high, 0.35 * CONTOURS)), 1.0, OUTLINE, 0.35);
         canvas.contours(&distances, None, self.outline_width() + 0.5, OUTLINE, 1.0);
         let colour = |x: f64| signed(2.0 * x - 1.0);
-        canvas.legend(&Legend { title: "distance [m]", range: [-range, range], colour: &colour });
+        canvas.legend(&Legend { title: "distance [m]", range: [-low, high], colour: &colour });
         canvas
     }
 

@@ -91,7 +91,12 @@ fn cosine(k: usize, row: usize, height: usize) -> f64 {
 
 /// Row `k` of the result is the sum of the rows of the input, each times `factor(row, k)`. Quadratic in the height, but
 /// whole rows at a time: a second for a picture of a few million pixels is not worth a library.
-fn cosine_transform(rows: &[f64], width: usize, height: usize, factor: impl Fn(usize, usize) -> f64 + Sync) -> Vec<f64> {
+fn cosine_transform(
+    rows: &[f64],
+    width: usize,
+    height: usize,
+    factor: impl Fn(usize, usize) -> f64 + Sync,
+) -> Vec<f64> {
     let mut result = vec![0.0; width * height];
     result.par_chunks_mut(width).enumerate().for_each(|(k, out)| {
         for (row, values) in rows.chunks(width).enumerate() {
@@ -155,9 +160,7 @@ mod tests {
     /// Velocities of a flow `[right, up]` given by position [m] with y up.
     fn on_pixels(size: [u32; 2], pixel: f64, f: impl Fn(f64, f64) -> [f64; 2]) -> Vec<[f64; 2]> {
         let [width, height] = size;
-        (0..width * height)
-            .map(|i| f(f64::from(i % width) * pixel, -f64::from(i / width) * pixel))
-            .collect()
+        (0..width * height).map(|i| f(f64::from(i % width) * pixel, -f64::from(i / width) * pixel)).collect()
     }
 
     #[test]

@@ -217,6 +217,24 @@ mod tests {
     }
 
     #[test]
+    fn path_lines_follow_the_time() {
+        struct Gust;
+        impl Flow for Gust {
+            fn velocity(&self, _: DVec3, time: f64) -> DVec3 {
+                DVec3::X * time.powi(3)
+            }
+            fn distance(&self, _: DVec3) -> f64 {
+                f64::INFINITY
+            }
+        }
+        let lines = trace(&Gust, &[DVec3::ZERO], &settings(Reach::Seconds(2.0), 0.3));
+        for point in &lines[0].points {
+            assert!((point.position.x - (point.time.powi(4) - 16.0) / 4.0).abs() < 1e-12, "{point:?}");
+        }
+        assert_eq!(lines[0].points.len(), 8, "seven even steps of at most 0.3 s");
+    }
+
+    #[test]
     fn lines_end_at_obstacles_however_thin() {
         struct Sheet;
         impl Flow for Sheet {
