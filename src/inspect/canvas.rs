@@ -35,8 +35,10 @@ impl Canvas {
 
     /// Lays a colour over a pixel; `cover` 0 leaves it, 1 replaces it.
     pub fn blend(&mut self, pixel: usize, colour: Rgb, cover: f32) {
-        if cover > 0.0 {
-            self.pixels[pixel] = mixed(self.pixels[pixel], colour, cover.min(1.0));
+        if cover >= 1.0 {
+            self.pixels[pixel] = colour;
+        } else if cover > 0.0 {
+            self.pixels[pixel] = mixed(self.pixels[pixel], colour, cover);
         }
     }
 

@@ -247,6 +247,8 @@ flow:
     - uniform: {velocity: [0, 0.7, 0]}
     - noise: {length_scale: 0.5, speed: 0.3, octaves: 2, spin_rate: 0.5, scroll: [0, 0.4, 0]}
   obstacles: [ball]
+lights:
+  - environment: {radiance: [1, 1, 1]}
 smoke:
   emitters:
     - disk: {center: [0, 0.1, 0], radius: 0.2}

@@ -213,7 +213,9 @@ mod tests {
     fn the_smallest_pictures_and_still_air_are_drawn_too() {
         for size in [[1, 1], [2, 1], [1, 3]] {
             let slice = slice(size);
-            ALL.map(|quantity| Painter::new(&slice, Seed(1)).paint(quantity));
+            for quantity in ALL {
+                assert_eq!(Painter::new(&slice, Seed(1)).paint(quantity).size, size);
+            }
         }
         let rectangle = Rectangle::try_new(DVec3::ZERO, DVec3::Z, [2.0, 2.0]).unwrap();
         let still = Slice::sample(&Uniform(DVec3::ZERO), 0.0, rectangle, [8, 8]);

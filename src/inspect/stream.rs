@@ -1,8 +1,7 @@
 //! The stream function of a flow in a plane, whose contour lines are stream lines: `u = ∂ψ/∂y`, `v = −∂ψ/∂x`.
 //!
 //! It is found from the flux through the edges between pixels. Only a flow without a part across the plane that changes
-//! along the normal has one; for others this is the best in the sense of least squares, which is the stream function of
-//! the divergence-free part. Least squares give a Poisson equation with free edges; it is solved exactly, by a cosine
+//! along the normal has one; for others this is the best in the sense of least squares. Least squares give a Poisson equation with free edges; it is solved exactly, by a cosine
 //! transform down the columns and a tridiagonal system along each row (Hockney 1965, *A Fast Direct Solution of
 //! Poisson's Equation Using Fourier Analysis*).
 
@@ -185,8 +184,14 @@ mod tests {
 
     #[test]
     fn a_source_has_no_stream_function() {
-        let velocity = on_pixels([40, 40], 0.1, |x, y| [x - 1.95, y + 1.95]);
-        let stream = stream_function(&velocity, [40, 40], 0.1);
+        // The gradient of sin(πx) sin(πy) on the unit square, which has no flow along the border: then the two parts of
+        // a flow are orthogonal on pixels too.
+        let angle = |x: f64| std::f64::consts::PI * (x + 0.5 / 40.0);
+        let velocity = on_pixels([40, 40], 1.0 / 40.0, |x, y| {
+            let ((sx, cx), (sy, cy)) = (angle(x).sin_cos(), angle(-y).sin_cos());
+            [cx * sy, -sx * cy]
+        });
+        let stream = stream_function(&velocity, [40, 40], 1.0 / 40.0);
         assert!(stream.explained < 1e-9, "{}", stream.explained);
         assert!(stream.values.iter().all(|v| v.abs() < 1e-9));
     }
