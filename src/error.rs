@@ -7,6 +7,7 @@ use crate::geometry::mesh_file::MeshFileError;
 use crate::geometry::mesh_sdf::MeshSdfError;
 use crate::grid::GridError;
 use crate::grid::vdb::{VdbError, VdbProblem};
+use crate::inspect::InspectError;
 use crate::output::OutputError;
 use crate::output::frames::FramesError;
 use crate::particles::ParticlesError;
@@ -42,6 +43,9 @@ pub enum Error {
     /// Pictures and other files.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// Looking at the flow.
+    #[error(transparent)]
+    Inspect(#[from] InspectError),
     /// Lists of frames.
     #[error(transparent)]
     Frames(#[from] FramesError),
@@ -93,6 +97,8 @@ impl Error {
                 OutputError::Encoding { .. } => 1,
                 _ => 3,
             },
+            Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
+            Error::Inspect(_) => 3,
             Error::Frames(_) | Error::Usage(_) => 2,
             Error::Pattern(..) => 3,
         }

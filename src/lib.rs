@@ -4,7 +4,7 @@
 //! Data flows left to right, and a module imports only from modules to its left:
 //!
 //! ```text
-//! math · progress | scene → geometry → flow → particles → grid → render → output | error → pipeline → cli → main
+//! math · progress | scene → geometry → flow → particles → grid → render → output → inspect | error → pipeline → cli → main
 //! ```
 
 pub mod math;
@@ -23,6 +23,8 @@ pub mod grid;
 pub mod render;
 
 pub mod output;
+
+pub mod inspect;
 
 pub mod error;
 

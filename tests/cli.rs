@@ -84,9 +84,9 @@ fn contains(text: &str, parts: &[&str]) {
 fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
     let folder = Folder::new();
     let [out, err] = folder.expect(0, &["--help"]);
-    contains(&out, &["render", "check", "schema", "bake", "compare", "128+n"]);
+    contains(&out, &["render", "check", "schema", "bake", "compare", "flow", "streamlines", "128+n"]);
     assert!(err.is_empty());
-    for verb in ["render", "check", "schema", "bake", "compare"] {
+    for verb in ["render", "check", "schema", "bake", "compare", "flow", "streamlines"] {
         let [out, _] = folder.expect(0, &[verb, "--help"]);
         contains(&out, &["Example: curlsmoke"]);
     }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From left to right; a module imports only from modules to its left.
-const ORDER: [&str; 12] = [
+const ORDER: [&str; 13] = [
     "math",
     "progress",
     "scene",
@@ -14,13 +14,14 @@ const ORDER: [&str; 12] = [
     "grid",
     "render",
     "output",
+    "inspect",
     "error",
     "pipeline",
     "cli",
 ];
 
 /// Stages whose files take typed values; only their `mod.rs` may know what a scene says.
-const SCENE_BLIND: [&str; 6] = ["geometry", "flow", "particles", "grid", "render", "output"];
+const SCENE_BLIND: [&str; 7] = ["geometry", "flow", "particles", "grid", "render", "output", "inspect"];
 
 /// The only place for foreign code.
 const UNSAFE: &str = "geometry/embree/";

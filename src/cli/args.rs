@@ -1,7 +1,9 @@
 //! What was typed. What it means is decided by each verb.
 
+use crate::cli::places::{self, Extent, Length, Plane};
 use crate::cli::progress::Style;
 use crate::cli::values::{Crop, Memory, Override, Resolution};
+use crate::inspect::slice_picture::Quantity;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -40,6 +42,24 @@ pub enum Verb {
         after_help = "Example: curlsmoke compare out/ring.exr refs/ring.mean.exr --mode stat --heat-map heat.png"
     )]
     Compare(CompareArguments),
+    /// Look at the flow of a scene without smoke
+    #[command(subcommand, after_help = "Example: curlsmoke flow slice scenes/plume.yaml -o out/flow")]
+    Flow(FlowVerb),
+    /// Trace lines along the flow of a scene, to .obj or .ply
+    #[command(
+        after_help = "Example: curlsmoke streamlines scenes/ring.yaml -o out/ring.ply --preview out/ring.lines.png"
+    )]
+    Streamlines(StreamlinesArguments),
+}
+
+/// Ways to look at a flow.
+#[derive(Debug, Subcommand)]
+pub enum FlowVerb {
+    /// Draw the flow on a plane, and write its numbers as an .exr file
+    #[command(
+        after_help = "Example: curlsmoke flow slice scenes/plume.yaml --plane z=0 --quantity lic,divergence -o out/flow"
+    )]
+    Slice(SliceArguments),
 }
 
 /// Flags of everything that makes frames.
@@ -101,6 +121,150 @@ pub struct BakeArguments {
     /// File names, with #### for the frame, instead of output.volume
     #[arg(short, long, value_name = "PATTERN")]
     pub output: Option<String>,
+}
+
+/// Flags of everything that looks at one frame.
+#[derive(Debug, Args)]
+pub struct InspectArguments {
+    /// The scene file (YAML)
+    pub scene: PathBuf,
+    /// The frame to look at [default: the first of the scene]
+    #[arg(short, long, value_name = "NUMBER", allow_negative_numbers = true)]
+    pub frame: Option<i32>,
+    /// Threads [default: one for each processor]; results never depend on it
+    #[arg(short = 'j', long, value_name = "COUNT")]
+    pub threads: Option<usize>,
+    /// Seed of all random numbers, instead of render.seed
+    #[arg(long, value_name = "NUMBER")]
+    pub seed: Option<u64>,
+    /// Change a setting of the scene, as in --set render.seed=2
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<Override>,
+    /// Refuse what needs more memory than this [GiB], as 4, 4G or 512M, instead of
+    /// render.memory_limit_gib
+    #[arg(long, value_name = "AMOUNT", verbatim_doc_comment)]
+    pub memory_limit: Option<Memory>,
+}
+
+impl InspectArguments {
+    /// The same for verbs that make frames: a list of one.
+    pub fn to_frame_arguments(&self) -> FrameArguments {
+        FrameArguments {
+            scene: self.scene.clone(),
+            frames: self.frame.map(|frame| frame.to_string()),
+            threads: self.threads,
+            seed: self.seed,
+            overrides: self.overrides.clone(),
+            memory_limit: self.memory_limit,
+            progress: Style::None,
+        }
+    }
+}
+
+/// Flags that choose a rectangle in space.
+#[derive(Debug, Args)]
+pub struct PlaneArguments {
+    /// Where the plane is: x=0.5, y=1 or z=0, or a point on it and the normal that
+    /// faces the viewer, PX,PY,PZ,NX,NY,NZ [default: upright through
+    /// camera.look_at, facing the camera]
+    #[arg(long, value_name = "PLANE", allow_hyphen_values = true, verbatim_doc_comment)]
+    pub plane: Option<Plane>,
+    /// Width and height [m], as in 3.2x1.8 [default: what the camera sees there]
+    #[arg(long, value_name = "SIZE")]
+    pub size: Option<Extent>,
+}
+
+/// Flags of `flow slice`.
+#[derive(Debug, Args)]
+pub struct SliceArguments {
+    /// Flags shared by verbs that look at one frame.
+    #[command(flatten)]
+    pub common: InspectArguments,
+    /// Where to write: OUT.exr with the numbers, and OUT.png, or OUT.QUANTITY.png for
+    /// several quantities
+    #[arg(short, long, value_name = "OUT", verbatim_doc_comment)]
+    pub output: PathBuf,
+    /// Which part of space to look at.
+    #[command(flatten)]
+    pub plane: PlaneArguments,
+    /// Width and height in pixels [default: 640x360, or 640 wide and as high as --size]
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// What to draw; several with commas
+    #[arg(short, long, value_enum, value_delimiter = ',', default_value = "lic")]
+    pub quantity: Vec<SliceQuantity>,
+}
+
+/// What a picture of a slice shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SliceQuantity {
+    /// Speed by colour
+    Speed,
+    /// Divergence by colour: how far the flow is from preserving volume
+    Divergence,
+    /// Distance to obstacles, with contour lines
+    Distance,
+    /// Contour lines of the stream function, exact where the flow is planar
+    Stream,
+    /// Directions as brush strokes (line integral convolution), speed by colour
+    Lic,
+}
+
+impl From<SliceQuantity> for Quantity {
+    fn from(quantity: SliceQuantity) -> Self {
+        match quantity {
+            SliceQuantity::Speed => Self::Speed,
+            SliceQuantity::Divergence => Self::Divergence,
+            SliceQuantity::Distance => Self::Distance,
+            SliceQuantity::Stream => Self::Stream,
+            SliceQuantity::Lic => Self::Lic,
+        }
+    }
+}
+
+/// Flags of `streamlines`.
+#[derive(Debug, Args)]
+pub struct StreamlinesArguments {
+    /// Flags shared by verbs that look at one frame.
+    #[command(flatten)]
+    pub common: InspectArguments,
+    /// Where to write the lines: .obj, or .ply with speed and time at each vertex
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Draw the lines from the scene's camera, to a .png file
+    #[arg(long, value_name = "FILE")]
+    pub preview: Option<PathBuf>,
+    /// Width and height of the preview in pixels [default: 960x540]
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// Let time go on along the lines, as for particles, instead of holding it still
+    #[arg(long)]
+    pub pathlines: bool,
+    /// Where lines begin
+    #[arg(long, value_enum, default_value_t = SeedPlace::Emitters)]
+    pub seeds: SeedPlace,
+    /// How many lines; on a plane about as many
+    #[arg(short = 'n', long, value_name = "COUNT", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
+    pub count: u32,
+    /// How long lines are, in seconds as in 2s or in metres as in 1.5m [default: the
+    /// height that the camera sees at camera.look_at]
+    #[arg(long, value_name = "LENGTH", verbatim_doc_comment)]
+    pub length: Option<Length>,
+    /// Longest step [s] [default: a quarter of a frame]
+    #[arg(long, value_name = "SECONDS", value_parser = places::seconds)]
+    pub step: Option<f64>,
+    /// Where the plane of --seeds plane is.
+    #[command(flatten)]
+    pub plane: PlaneArguments,
+}
+
+/// Where lines begin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SeedPlace {
+    /// All over the emitters of the scene
+    Emitters,
+    /// All over a plane, one line in each field of a grid
+    Plane,
 }
 
 /// Flags of `check`.

@@ -5,10 +5,13 @@ pub mod args;
 mod bake;
 mod check;
 mod compare;
+mod flow;
 mod frames;
+mod places;
 pub mod progress;
 mod render;
 mod signals;
+mod streamlines;
 mod values;
 
 use crate::cli::args::{Arguments, Verb};
@@ -37,6 +40,8 @@ pub fn run() -> u8 {
         Verb::Schema => check::schema(),
         Verb::Bake(arguments) => bake::run(&arguments),
         Verb::Compare(arguments) => compare::run(&arguments),
+        Verb::Flow(verb) => flow::run(&verb),
+        Verb::Streamlines(arguments) => streamlines::run(&arguments),
     };
     match result {
         Ok(code) => code,
