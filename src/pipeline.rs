@@ -9,6 +9,7 @@ use crate::geometry::{Geometry, GeometryError};
 use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
+use crate::inspect::Inspection;
 use crate::output::film_image::{Layers, Origin, image_of_film};
 use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
@@ -16,7 +17,7 @@ use crate::output::sidecar::{self, MassFigures, Sidecar, sidecar_path};
 use crate::output::{self, exr, file, png};
 use crate::particles::ParticleSystem;
 use crate::pipeline::mask_files::SceneFiles;
-use crate::progress::{Progress, Stage};
+use crate::progress::{Progress, Silent, Stage};
 use crate::render::environment::RadiancePicture;
 use crate::render::film::{Film, PixelBounds};
 use crate::render::integrator::World;
@@ -123,6 +124,16 @@ pub fn bake(
         on_frame(&path, &grid, &record.mass);
     }
     Ok(())
+}
+
+/// The flow of a scene made ready to be looked at, at a frame.
+///
+/// # Errors
+/// Where a mesh or the file of a mask is missing, faulty or too large.
+pub fn inspection(scene: &Scene, frame: i32) -> Result<Inspection, Error> {
+    let geometry = Geometry::build(scene, &Silent)?;
+    let field = VelocityField::build(scene, &geometry, &SceneFiles { memory_limit: memory_limit(scene) })?;
+    Ok(Inspection::build(scene, frame, geometry, field))
 }
 
 /// What stays the same from frame to frame.

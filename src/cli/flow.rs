@@ -11,6 +11,7 @@ use crate::inspect::{InspectError, Inspection};
 use crate::output::exr::{self, Compression};
 use crate::output::file::{check_writable, write_atomic};
 use crate::output::image::{Attribute, Image, SampleKind};
+use crate::pipeline;
 use crate::scene::Scene;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -70,7 +71,7 @@ pub(super) fn open(arguments: &InspectArguments) -> Result<(Scene, i32, Inspecti
     let scene = load_scene(&common, Vec::new())?;
     let frame = frames(&common, &scene)?.first().copied().unwrap_or(scene.settings.frames.first);
     start_threads(&common)?;
-    let inspection = Inspection::build(&scene, frame)?;
+    let inspection = pipeline::inspection(&scene, frame)?;
     inspection.warnings().iter().for_each(|warning| log(warning));
     Ok((scene, frame, inspection))
 }

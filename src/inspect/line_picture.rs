@@ -223,12 +223,15 @@ fn sky(row_share: f64) -> Rgb {
     mixed(SKY[0], SKY[1], row_share as f32)
 }
 
+/// Pictures are of a flow that stands still, which is the same at all times.
+const ANY_TIME: f64 = 0.0;
+
 /// Depth at which a ray meets an obstacle, walking by the distance (Hart 1996, *Sphere Tracing*).
 fn march(flow: &impl Flow, origin: DVec3, ray: DVec3, limit: f64) -> Option<f64> {
     let length = ray.length();
     let mut depth = 0.0;
     for _ in 0..MARCH_STEPS {
-        let distance = flow.distance(origin + ray * depth);
+        let distance = flow.distance(origin + ray * depth, ANY_TIME);
         if distance.is_nan() || distance < 4e-4 * depth {
             return (distance.is_finite() && depth > 0.0).then_some(depth);
         }
@@ -243,7 +246,7 @@ fn march(flow: &impl Flow, origin: DVec3, ray: DVec3, limit: f64) -> Option<f64>
 /// Light of an obstacle at a point on its surface: from above and the right, a little from the camera, with a bright
 /// rim.
 fn stone(flow: &impl Flow, p: DVec3, view: DVec3, step: f64) -> Rgb {
-    let difference = |axis: DVec3| flow.distance(p + axis * step) - flow.distance(p - axis * step);
+    let difference = |axis: DVec3| flow.distance(p + axis * step, ANY_TIME) - flow.distance(p - axis * step, ANY_TIME);
     let normal = DVec3::from_array(DVec3::AXES.map(difference)).normalize_or(-view);
     let facing = (-normal.dot(view)).clamp(0.0, 1.0);
     let rim = 0.20 * (1.0 - facing).powi(3);

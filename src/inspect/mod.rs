@@ -14,13 +14,12 @@ pub mod stream;
 pub mod streamlines;
 
 use crate::flow::VelocityField;
-use crate::geometry::{Geometry, GeometryError};
+use crate::geometry::Geometry;
 use crate::inspect::plane::Perspective;
 use crate::inspect::probe::SceneFlow;
 use crate::inspect::streamlines::TraceSettings;
 use crate::math::hash::Seed;
 use crate::particles::emit::{Emitter, Place, Schedule, Surface};
-use crate::progress::Silent;
 use crate::scene::Scene;
 use crate::scene::settings;
 use glam::DVec3;
@@ -87,20 +86,16 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Reads the meshes of a scene and builds its flow; looks at a frame.
-    ///
-    /// # Errors
-    /// Where a mesh is missing, faulty or too large.
+    /// Looks at a frame of a scene, whose shapes and flow are given.
     ///
     /// # Panics
     /// When the camera looks nowhere, which no valid scene does.
-    pub fn build(scene: &Scene, frame: i32) -> Result<Self, GeometryError> {
-        let geometry = Geometry::build(scene, &Silent)?;
+    pub fn build(scene: &Scene, frame: i32, geometry: Geometry, field: VelocityField) -> Self {
         let settings = &scene.settings;
         let camera = &settings.camera;
         let [position, look_at, up] = [camera.position, camera.look_at, camera.up].map(DVec3::from_array);
-        Ok(Self {
-            field: VelocityField::build(scene, &geometry),
+        Self {
+            field,
             geometry,
             emitters: settings.smoke.as_ref().map(|smoke| smoke.emitters.clone()).unwrap_or_default(),
             camera: Perspective::try_new(position, look_at, up, camera.vertical_fov_deg)
@@ -110,7 +105,7 @@ impl Inspection {
             seed: Seed(settings.render.seed).derive(INSPECT_KEYS),
             memory_limit_gib: settings.render.memory_limit_gib,
             bytes_per_step: bytes_per_step(&settings.flow),
-        })
+        }
     }
 
     /// What is likely a mistake in the meshes of the scene.
@@ -135,7 +130,7 @@ impl Inspection {
 
     /// Whether the flow has something to go round.
     pub fn has_obstacles(&self) -> bool {
-        self.field.distance([0.0f64; 3]).is_finite()
+        !self.field.obstacles().is_empty()
     }
 
     /// The flow as it stands at the frame.
@@ -223,15 +218,18 @@ impl Inspection {
 fn bytes_per_step(flow: &settings::Flow) -> u64 {
     let octaves = |p: &settings::Potential| match p {
         settings::Potential::Noise(noise) => u64::from(noise.octaves),
-        settings::Potential::Uniform(_) => 1,
+        _ => 1,
     };
-    1024 * flow.potentials.iter().map(octaves).sum::<u64>() * (1 + flow.obstacles.len() as u64)
+    let walls = (flow.obstacles.len() + flow.containers.len()) as u64;
+    1024 * flow.potentials.iter().map(octaves).sum::<u64>() * (1 + walls)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::flow::build::NoFiles;
     use crate::inspect::probe::Flow;
+    use crate::progress::Silent;
     use std::path::Path;
 
     const SCENE: &str = "\
@@ -265,7 +263,9 @@ smoke:
 
     fn inspection(frame: i32) -> Inspection {
         let scene = Scene::from_text(SCENE, Path::new("test.yaml")).unwrap_or_else(|e| panic!("{e}"));
-        Inspection::build(&scene, frame).unwrap()
+        let geometry = Geometry::build(&scene, &Silent).unwrap();
+        let field = VelocityField::build(&scene, &geometry, &NoFiles).unwrap();
+        Inspection::build(&scene, frame, geometry, field)
     }
 
     #[test]

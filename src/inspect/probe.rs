@@ -9,14 +9,13 @@ pub trait Flow: Sync {
     /// Velocity [m/s] at a point [m] and a time [s].
     fn velocity(&self, p: DVec3, time: f64) -> DVec3;
 
-    /// Signed distance to the closest obstacle [m]: negative inside, infinite without obstacles. Never more than the
-    /// true distance, so that a ball of this radius holds no wall.
-    fn distance(&self, p: DVec3) -> f64;
+    /// Signed distance to the closest wall [m] at a time [s]: negative where the flow must not be, infinite without walls.
+    /// Never more than the true distance, so that a ball of this radius holds no wall.
+    fn distance(&self, p: DVec3, time: f64) -> f64;
 }
 
 /// The flow of a scene, with what depends on time alone worked out beforehand.
 pub struct SceneFlow<'a> {
-    field: &'a VelocityField,
     spans: Vec<FieldSpan<'a>>,
     start: f64,
     step: f64,
@@ -25,7 +24,7 @@ pub struct SceneFlow<'a> {
 impl<'a> SceneFlow<'a> {
     /// The flow as it stands still at a time [s]; it looks the same at any time it is asked about.
     pub fn frozen(field: &'a VelocityField, time: f64) -> Self {
-        Self { field, spans: vec![field.span(time, 0.0)], start: time, step: 0.0 }
+        Self { spans: vec![field.span(time, 0.0)], start: time, step: 0.0 }
     }
 
     /// The flow from `start` [s] over `count` steps of `step` [s]. Before and after it goes on as in its first and last
@@ -36,24 +35,28 @@ impl<'a> SceneFlow<'a> {
     pub fn moving(field: &'a VelocityField, start: f64, step: f64, count: usize) -> Self {
         assert!(count > 0 && step > 0.0, "a flow that moves takes time");
         let spans = (0..count).map(|n| field.span(start + n as f64 * step, step)).collect();
-        Self { field, spans, start, step }
+        Self { spans, start, step }
+    }
+
+    fn at(&self, time: f64) -> (&FieldSpan<'a>, f64) {
+        if self.step == 0.0 {
+            return (&self.spans[0], 0.0);
+        }
+        let steps = (time - self.start) / self.step;
+        let n = steps.floor().clamp(0.0, (self.spans.len() - 1) as f64);
+        (&self.spans[n as usize], steps - n)
     }
 }
 
 impl Flow for SceneFlow<'_> {
     fn velocity(&self, p: DVec3, time: f64) -> DVec3 {
-        let (span, phase) = if self.step > 0.0 {
-            let steps = (time - self.start) / self.step;
-            let n = steps.floor().clamp(0.0, (self.spans.len() - 1) as f64);
-            (n as usize, steps - n)
-        } else {
-            (0, 0.0)
-        };
-        DVec3::from_array(self.spans[span].velocity(p.to_array(), phase))
+        let (span, phase) = self.at(time);
+        DVec3::from_array(span.velocity(p.to_array(), phase))
     }
 
-    fn distance(&self, p: DVec3) -> f64 {
-        self.field.distance(p.to_array())
+    fn distance(&self, p: DVec3, time: f64) -> f64 {
+        let (span, phase) = self.at(time);
+        span.distance(p.to_array(), phase)
     }
 }
 
@@ -70,7 +73,7 @@ pub(crate) mod known {
             self.0
         }
 
-        fn distance(&self, _: DVec3) -> f64 {
+        fn distance(&self, _: DVec3, _: f64) -> f64 {
             f64::INFINITY
         }
     }
@@ -86,7 +89,7 @@ pub(crate) mod known {
             DVec3::Z.cross(p) * self.rate
         }
 
-        fn distance(&self, p: DVec3) -> f64 {
+        fn distance(&self, p: DVec3, _: f64) -> f64 {
             self.ball.map_or(f64::INFINITY, |(center, radius)| p.distance(center) - radius)
         }
     }

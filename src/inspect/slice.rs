@@ -108,7 +108,7 @@ fn sample_at(flow: &impl Flow, time: f64, p: DVec3, step: f64) -> Sample {
         .map(|axis| (flow.velocity(p + axis * step, time) - flow.velocity(p - axis * step, time)) / (2.0 * step));
     Sample {
         velocity: flow.velocity(p, time),
-        distance: flow.distance(p),
+        distance: flow.distance(p, time),
         divergence: (0..3).map(|i| derivatives[i][i]).sum(),
         gradient_sq: derivatives.iter().map(|d| d.length_squared()).sum(),
     }

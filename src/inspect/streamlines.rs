@@ -96,7 +96,7 @@ pub fn trace(flow: &impl Flow, seeds: &[DVec3], settings: &TraceSettings) -> Vec
 }
 
 fn line(flow: &impl Flow, seed: DVec3, settings: &TraceSettings) -> Option<Line> {
-    let mut clearance = flow.distance(seed);
+    let mut clearance = flow.distance(seed, settings.start);
     if clearance.is_nan() || clearance < 0.0 {
         return None;
     }
@@ -124,14 +124,14 @@ fn line(flow: &impl Flow, seed: DVec3, settings: &TraceSettings) -> Option<Line>
             end = Some(LineEnd::Still);
             break;
         }
-        if let Some(share) = entry(flow, last.position, next, clearance) {
+        if let Some(share) = entry(flow, last.position, next, clearance, time + taken) {
             // The wall is found on the chord, from which the arc of one step does not stray far.
             points.push(point(flow, last.position.lerp(next, share), time + taken * share));
             end = Some(LineEnd::Obstacle);
             break;
         }
         points.push(point(flow, next, time + taken));
-        clearance = flow.distance(next);
+        clearance = flow.distance(next, time + taken);
         way += length;
         if end.is_some() {
             break;
@@ -159,15 +159,15 @@ fn advanced(flow: &impl Flow, p: DVec3, time: f64, step: f64) -> DVec3 {
 
 /// The share of the way from `a` to `b` at which an obstacle is entered, just outside of it; `clearance` is the
 /// distance at `a`.
-fn entry(flow: &impl Flow, a: DVec3, b: DVec3, clearance: f64) -> Option<f64> {
+fn entry(flow: &impl Flow, a: DVec3, b: DVec3, clearance: f64, time: f64) -> Option<f64> {
     let length = a.distance(b);
     let (mut outside, mut distance) = (0.0, clearance);
     let least = LEAST_PART * length;
     loop {
         let share = (outside + (TRUST * distance).max(least) / length).min(1.0);
-        distance = flow.distance(a.lerp(b, share));
+        distance = flow.distance(a.lerp(b, share), time);
         if distance < 0.0 {
-            return Some(bisected(flow, a, b, outside, share));
+            return Some(bisected(|share| flow.distance(a.lerp(b, share), time), outside, share));
         }
         outside = share;
         if share >= 1.0 {
@@ -176,10 +176,10 @@ fn entry(flow: &impl Flow, a: DVec3, b: DVec3, clearance: f64) -> Option<f64> {
     }
 }
 
-fn bisected(flow: &impl Flow, a: DVec3, b: DVec3, mut outside: f64, mut inside: f64) -> f64 {
+fn bisected(distance: impl Fn(f64) -> f64, mut outside: f64, mut inside: f64) -> f64 {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (outside + inside);
-        if flow.distance(a.lerp(b, middle)) < 0.0 { inside = middle } else { outside = middle }
+        if distance(middle) < 0.0 { inside = middle } else { outside = middle }
     }
     outside
 }
@@ -225,7 +225,7 @@ mod tests {
             fn velocity(&self, _: DVec3, time: f64) -> DVec3 {
                 DVec3::X * time.powi(3)
             }
-            fn distance(&self, _: DVec3) -> f64 {
+            fn distance(&self, _: DVec3, _: f64) -> f64 {
                 f64::INFINITY
             }
         }
