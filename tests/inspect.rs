@@ -212,8 +212,8 @@ fn path_lines_move_with_time_and_stream_lines_do_not() {
 #[test]
 fn wrong_flags_are_usage_errors_that_say_what_to_write() {
     let folder = Folder::new();
-    let slice = ["flow", "slice", "ball.yaml", "-o", "out"];
-    let lines = ["streamlines", "ball.yaml", "-o", "out.ply"];
+    let slice = &["flow", "slice", "ball.yaml", "-o", "out"][..];
+    let lines = &["streamlines", "ball.yaml", "-o", "out.ply"][..];
     for (verb, more, says) in [
         (slice, &["--plane", "up"][..], "0,1,0,0,0.5,1"),
         (slice, &["--plane", "0,0,0,0,0,0"], "no direction"),
@@ -230,8 +230,8 @@ fn wrong_flags_are_usage_errors_that_say_what_to_write() {
         (lines, &["-o", "lines.usd"], ".obj or .ply"),
     ] {
         // A flag given twice is an error of its own.
-        let verb: Vec<&str> = if more[0] == "-o" { verb[..2].to_vec() } else { verb.to_vec() };
-        let [_, err] = folder.expect(2, &[&verb[..], more].concat());
+        let verb = if more[0] == "-o" { &verb[..2] } else { verb };
+        let [_, err] = folder.expect(2, &[verb, more].concat());
         contains(&err, &[says]);
     }
     assert_eq!(folder.files(), ["ball.yaml"]);

@@ -98,7 +98,7 @@ impl<'a> Painter<'a> {
     fn speed(&self) -> Canvas {
         let mut canvas = Canvas::from_fn(self.slice.size, |i| self.speed_colour(i));
         self.draw_obstacles(&mut canvas);
-        self.speed_legend(&mut canvas, "speed [m/s]");
+        self.speed_legend(&mut canvas);
         canvas
     }
 
@@ -109,20 +109,22 @@ impl<'a> Painter<'a> {
             lightened(self.speed_colour(i), LIC_CONTRAST * f64::from(values[i].clamp(-2.5, 2.5)))
         });
         self.draw_obstacles(&mut canvas);
-        self.speed_legend(&mut canvas, "speed [m/s]");
+        self.speed_legend(&mut canvas);
         canvas
     }
 
     fn stream_lines(&mut self) -> Canvas {
         self.stream();
-        let mut canvas = Canvas::from_fn(self.slice.size, |i| mixed(self.speed_colour(i), [0.0; 3], 0.35));
+        let mut canvas = Canvas::from_fn(self.slice.size, |i| dimmed(self.speed_colour(i)));
         if let Some(stream) = &self.stream {
             let (low, high) = bounds(stream.values.iter().copied());
             let width = 1.2 * f64::from(self.slice.size[1]) / 360.0;
             canvas.contours(&stream.values, Some(round_step(high - low, CONTOURS)), width.max(1.0), [0.9; 3], 0.8);
         }
         self.draw_obstacles(&mut canvas);
-        self.speed_legend(&mut canvas, "stream lines, speed [m/s]");
+        let colour = |x: f64| dimmed(magnitude(x));
+        let title = "stream lines, speed [m/s]";
+        canvas.legend(&Legend { title, range: [0.0, self.top_speed], colour: &colour });
         canvas
     }
 
@@ -163,9 +165,14 @@ impl<'a> Painter<'a> {
         canvas.contours(&distances, None, self.outline_width(), OUTLINE, 1.0);
     }
 
-    fn speed_legend(&self, canvas: &mut Canvas, title: &str) {
-        canvas.legend(&Legend { title, range: [0.0, self.top_speed], colour: &magnitude });
+    fn speed_legend(&self, canvas: &mut Canvas) {
+        canvas.legend(&Legend { title: "speed [m/s]", range: [0.0, self.top_speed], colour: &magnitude });
     }
+}
+
+/// A colour that leaves room for bright lines over it.
+fn dimmed(colour: Rgb) -> Rgb {
+    mixed(colour, [0.0; 3], 0.35)
 }
 
 /// The magnitude at which colours end; above 0 whatever the numbers.
