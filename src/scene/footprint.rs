@@ -4,8 +4,9 @@ use crate::scene::settings::{Emitter, Film, Frames};
 
 /// Memory of a live particle, with the copies that sorting and splatting make [bytes].
 pub const PARTICLE_BYTES: f64 = 128.0;
-/// Memory of a pixel: mean and variance of the colour, all further layers, and the copy that is being written [bytes].
-const PIXEL_BYTES: f64 = 128.0;
+/// Memory of a pixel with all layers when it is most [bytes]: 56 as channels of the picture, 42 as they are stored, and
+/// 42 in a file that does not compress. Before that, 56 in tiles and as much again where they are put together.
+const PIXEL_BYTES: f64 = 144.0;
 
 /// Memory of the picture [bytes].
 pub fn film_bytes(film: &Film) -> f64 {
