@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod color;
+pub mod dense;
 pub mod environment;
 pub mod film;
 pub mod filter;
