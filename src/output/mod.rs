@@ -129,3 +129,14 @@ impl From<crate::scene::settings::View> for png::View {
         }
     }
 }
+
+impl From<crate::scene::settings::Compression> for exr::Compression {
+    fn from(compression: crate::scene::settings::Compression) -> Self {
+        match compression {
+            crate::scene::settings::Compression::Zips => Self::Zips,
+            crate::scene::settings::Compression::Zip => Self::Zip,
+            crate::scene::settings::Compression::Piz => Self::Piz,
+            crate::scene::settings::Compression::None => Self::None,
+        }
+    }
+}
