@@ -87,16 +87,11 @@ impl Error {
                 VdbProblem::Grid { error, .. } => grid_exit_code(error),
                 _ => 3,
             },
-            Error::Render(RenderError::Environment { .. }) => 3,
+            Error::Render(RenderError::Environment { .. } | RenderError::TooDense { .. }) => 3,
+            Error::Render(RenderError::Picture(e)) => e.downcast_ref().map_or(3, output_exit_code),
             Error::Render(RenderError::Geometry(e)) => geometry_exit_code(e),
             Error::Render(_) | Error::Cancelled | Error::Internal(_) => 1,
-            Error::Output(e) => match e {
-                OutputError::Missing { .. } => 4,
-                OutputError::Unwritable { .. } => 5,
-                OutputError::TooLarge { .. } => 6,
-                OutputError::Encoding { .. } => 1,
-                _ => 3,
-            },
+            Error::Output(e) => output_exit_code(e),
             Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
             Error::Inspect(_) => 3,
             Error::Frames(_) | Error::Usage(_) => 2,
@@ -113,6 +108,16 @@ impl Error {
                 | Error::Render(RenderError::Cancelled)
                 | Error::Particles(ParticlesError::Cancelled)
         )
+    }
+}
+
+fn output_exit_code(e: &OutputError) -> u8 {
+    match e {
+        OutputError::Missing { .. } => 4,
+        OutputError::Unwritable { .. } => 5,
+        OutputError::TooLarge { .. } => 6,
+        OutputError::Encoding { .. } => 1,
+        _ => 3,
     }
 }
 

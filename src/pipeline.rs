@@ -14,7 +14,7 @@ use crate::output::film_image::{Layers, Origin, image_of_film};
 use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
 use crate::output::sidecar::{self, MassFigures, Sidecar, sidecar_path};
-use crate::output::{self, exr, file, png};
+use crate::output::{self, OutputError, exr, file, png};
 use crate::particles::ParticleSystem;
 use crate::pipeline::mask_files::SceneFiles;
 use crate::progress::{Progress, Silent, Stage};
@@ -24,7 +24,7 @@ use crate::render::integrator::World;
 use crate::render::{self, RenderError, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::Aov;
-use crate::scene::{Scene, settings};
+use crate::scene::{Scene, footprint, settings};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -65,7 +65,8 @@ pub fn render(
     let files = OutputFiles::new(scene)?;
     check_distinct(&job.frames, |frame| files.image(frame))?;
     for &frame in job.frames.first().into_iter().chain(job.frames.last()) {
-        file::check_writable(&files.image(frame))?;
+        let written = files.of_frame(frame);
+        written.iter().chain([&sidecar_path(&written[0])]).try_for_each(|path| file::check_writable(path))?;
     }
     let inputs = InputHash::new(scene, job.crop)?;
     let mut studio: Option<Studio> = None;
@@ -73,7 +74,7 @@ pub fn render(
         progress.frame(frame, index, job.frames.len());
         let sidecar_file = sidecar_path(&files.image(frame));
         let fingerprint = inputs.fingerprint(scene, frame)?;
-        if job.resume && sidecar::is_complete(&sidecar_file, &fingerprint) {
+        if job.resume && sidecar::is_complete(&sidecar_file, &fingerprint, &files.of_frame(frame)) {
             on_frame(&FrameOutcome::Kept { frame });
             continue;
         }
@@ -90,41 +91,57 @@ pub fn render(
             none => none.insert(Studio::build(scene, progress, &mut record)?),
         };
         let film = studio.take_picture(scene, frame, job.crop, progress, &mut record)?;
-        write_frame(scene, &files, &film, &sidecar_file, progress, record, on_frame)?;
+        write_frame(scene, &files, film, &sidecar_file, progress, record, on_frame)?;
     }
     Ok(())
 }
 
-/// Writes the density of each frame as a .vdb file; `on_frame` gets the file of each, what is in it, and where
-/// the particles' mass went.
+/// What to bake.
+#[derive(Debug, Clone)]
+pub struct BakeJob<'a> {
+    /// Frames, in the order in which they are made.
+    pub frames: Vec<i32>,
+    /// Pattern of the files' names, instead of `output.volume`.
+    pub volume: Option<&'a str>,
+    /// Half precision: densities above 65504 are cut.
+    pub half: bool,
+}
+
+/// Writes the density of each frame as a .vdb file; `on_frame` gets the file of each and how it came about.
 ///
 /// # Errors
 /// The first that any stage meets. Files finished before it stay.
 pub fn bake(
     scene: &Scene,
-    frames: &[i32],
-    volume_pattern: Option<&str>,
+    job: &BakeJob,
     progress: &dyn Progress,
-    on_frame: &mut dyn FnMut(&Path, &DensityGrid, &MassFigures),
+    on_frame: &mut dyn FnMut(&Path, &Sidecar),
 ) -> Result<(), Error> {
-    let pattern = parse_pattern(volume_pattern.unwrap_or(&scene.settings.output.volume))?;
+    let pattern = parse_pattern(job.volume.unwrap_or(&scene.settings.output.volume))?;
     let file_of = |frame: i32| PathBuf::from(pattern.expand(frame, scene.name()));
-    check_distinct(frames, file_of)?;
-    let mut record = Sidecar::default();
-    let geometry = timed(progress, Stage::Geometry, &mut record, 0, || build_geometry(scene, progress))?;
+    check_distinct(&job.frames, file_of)?;
+    for &frame in job.frames.first().into_iter().chain(job.frames.last()) {
+        file::check_writable(&file_of(frame))?;
+    }
+    let settings = vdb::VdbWriteSettings { is_half: job.half, ..Default::default() };
+    let geometry = build_geometry(scene, progress)?;
     let mut smoke = SmokeSource::build(scene, &geometry)?;
-    for (index, &frame) in frames.iter().enumerate() {
-        progress.frame(frame, index, frames.len());
+    for (index, &frame) in job.frames.iter().enumerate() {
+        progress.frame(frame, index, job.frames.len());
+        let mut record = Sidecar { frame, ..Sidecar::default() };
         let grid = smoke.grid(scene, frame, progress, &mut record)?.ok_or(Error::NothingToBake)?;
         let path = file_of(frame);
         timed(progress, Stage::Write, &mut record, 0, || {
-            let bytes = vdb::write_float_grids(&[("density", &grid)], vdb::VdbWriteSettings::default());
+            let bytes = vdb::write_float_grids(&[("density", &grid)], settings);
             file::write_atomic(&path, &bytes)
         })?;
-        on_frame(&path, &grid, &record.mass);
+        on_frame(&path, &record);
     }
     Ok(())
 }
+
+/// Share of light lost with paths that are cut above which people are told.
+const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
 
 /// The flow of a scene made ready to be looked at, at a frame.
 ///
@@ -146,12 +163,12 @@ struct Studio {
 
 impl Studio {
     fn build(scene: &Scene, progress: &dyn Progress, record: &mut Sidecar) -> Result<Self, Error> {
-        timed(progress, Stage::Geometry, record, 0, || {
-            let geometry = build_geometry(scene, progress)?;
-            let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry)?) };
-            let smoke = SmokeSource::build(scene, &geometry)?;
-            Ok(Self { geometry, world, smoke })
-        })
+        let start = Instant::now();
+        let geometry = build_geometry(scene, progress)?;
+        let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry)?) };
+        let smoke = SmokeSource::build(scene, &geometry)?;
+        record.add_time(Stage::Geometry, start.elapsed());
+        Ok(Self { geometry, world, smoke })
     }
 
     fn take_picture(
@@ -163,7 +180,7 @@ impl Studio {
         record: &mut Sidecar,
     ) -> Result<Film, Error> {
         let grid = self.smoke.grid(scene, frame, progress, record)?;
-        let medium = grid.and_then(|grid| render::build_medium(scene, grid));
+        let medium = grid.map(|grid| render::build_medium(scene, grid)).transpose()?.flatten();
         let view = render::build_view(scene, frame, crop);
         let moved;
         let world = match &self.world {
@@ -179,7 +196,17 @@ impl Studio {
             timed(progress, Stage::Render, record, samples, || tiles::render(&view, world, medium.as_ref(), progress))?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
         record.samples_per_second = samples as f64 / seconds.max(1e-9);
-        record.truncated_paths = film.paths.truncated as f64 / film.paths.traced.max(1) as f64;
+        let traced = film.paths.traced.max(1) as f64;
+        record.truncated_paths = film.paths.truncated as f64 / traced;
+        record.truncated_light = film.paths.truncated_throughput / traced;
+        if record.truncated_light > TRUNCATED_LIGHT_NOTED {
+            progress.note(&format!(
+                "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
+                 unbiased picture",
+                view.limits.max_bounces,
+                100.0 * record.truncated_light
+            ));
+        }
         Ok(film)
     }
 }
@@ -191,9 +218,10 @@ fn time_of(scene: &Scene, frame: i32) -> f64 {
 }
 
 fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, RenderError> {
-    render::build_world(scene, geometry, &|path| load_picture(path, memory_limit(scene)))
+    render::build_world(scene, geometry, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
 }
 
+/// Builds the shapes, which say themselves when the stage begins and ends.
 fn build_geometry(scene: &Scene, progress: &dyn Progress) -> Result<Geometry, GeometryError> {
     let geometry = Geometry::build(scene, progress)?;
     geometry.warnings.iter().for_each(|warning| progress.note(warning));
@@ -220,7 +248,7 @@ impl SmokeSource {
             voxel_size: grid.voxel_size as f32,
             shutter_seconds: frames.shutter.map(|s| s / frames.fps),
             soft_radius: grid.soft_radius,
-            memory_limit_bytes: memory_limit(scene),
+            memory_limit_bytes: grid_memory_limit(scene, 0),
         };
         let field = VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })?;
         Ok(Self::Particles { system: Box::new(ParticleSystem::build(scene, geometry, field)?), splat })
@@ -236,7 +264,7 @@ impl SmokeSource {
         let grid = match self {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings } => {
-                let before = system.penetrations();
+                let before = [system.penetrations(), system.born_inside()];
                 let start = Instant::now();
                 system.at_frame(frame, progress)?;
                 let particles = system.particles();
@@ -251,15 +279,20 @@ impl SmokeSource {
                     radius: &particles.radius,
                     obstacles: has_walls.then_some(&walls),
                 };
-                let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, settings))?;
+                let count = particles.mass.len();
+                let settings = SplatSettings { memory_limit_bytes: grid_memory_limit(scene, count), ..*settings };
+                let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, &settings))?;
                 let m = splat.mass;
                 record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
-                record.penetrations = system.penetrations() - before;
+                record.penetrations = system.penetrations() - before[0];
+                record.born_inside = system.born_inside() - before[1];
                 splat.grid
             }
             Self::File { pattern, grid_name } => {
                 let path = scene.resolve(&pattern.expand(frame, scene.name()));
-                timed(progress, Stage::Grid, record, 0, || vdb::read_float_grid(&path, grid_name, memory_limit(scene)))?
+                timed(progress, Stage::Grid, record, 0, || {
+                    vdb::read_float_grid(&path, grid_name, grid_memory_limit(scene, 0))
+                })?
             }
         };
         record.grid.active_voxels = grid.active_voxel_count();
@@ -304,12 +337,17 @@ impl OutputFiles {
     fn preview(&self, frame: i32) -> Option<PathBuf> {
         self.preview.as_ref().map(|p| p.expand(frame, &self.scene_name).into())
     }
+
+    /// All files of a frame but the sidecar, the picture first.
+    fn of_frame(&self, frame: i32) -> Vec<PathBuf> {
+        [self.image(frame)].into_iter().chain(self.preview(frame)).collect()
+    }
 }
 
 fn write_frame(
     scene: &Scene,
     files: &OutputFiles,
-    film: &Film,
+    film: Film,
     sidecar_file: &Path,
     progress: &dyn Progress,
     mut record: Sidecar,
@@ -322,17 +360,19 @@ fn write_frame(
         frame: record.frame,
         fps: settings.frames.fps,
         shutter: settings.frames.shutter,
+        camera: render::build_view(scene, record.frame, None).camera,
     };
     let mut written = Vec::new();
     let start = Instant::now();
     progress.begin(Stage::Write, 0);
-    let image = image_of_film(film, layers(&settings.output.aovs), SampleKind::Half, &origin);
-    written.push((files.image(record.frame), exr::write(&image, exr::Compression::Zips)?));
-    if let Some(path) = files.preview(record.frame) {
-        let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
-        let size = [film.bounds.width(), film.bounds.height()];
-        written.push((path, png::encode(&rgb, size, settings.output.view.into(), settings.output.exposure_ev)?));
-    }
+    let preview =
+        files.preview(record.frame).map(|path| Ok::<_, Error>((path, encode_preview(&film, &settings.output)?)));
+    let image = image_of_film(&film, layers(&settings.output.aovs), SampleKind::Half, &origin);
+    // The picture takes as much again, and the encoder more.
+    drop(film);
+    written.push((files.image(record.frame), exr::write(&image, settings.output.compression.into())?));
+    drop(image);
+    written.extend(preview.transpose()?);
     for (path, bytes) in &written {
         file::write_atomic(path, bytes)?;
         record.add_file(sidecar_file, path, bytes);
@@ -345,6 +385,11 @@ fn write_frame(
     record.write(sidecar_file)?;
     on_frame(&FrameOutcome::Made(Box::new(record)));
     Ok(())
+}
+
+fn encode_preview(film: &Film, output: &settings::Output) -> Result<Vec<u8>, OutputError> {
+    let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
+    png::encode(&rgb, [film.bounds.width(), film.bounds.height()], output.view.into(), output.exposure_ev)
 }
 
 /// Hash of everything that all frames depend on.
@@ -410,9 +455,19 @@ fn memory_limit(scene: &Scene) -> u64 {
     (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64
 }
 
-fn load_picture(path: &Path, memory_limit: u64) -> Result<RadiancePicture, String> {
-    let image = output::read_image(path, memory_limit).map_err(|e| e.to_string())?;
-    let rgb = image.to_rgb("").ok_or("the picture has no channels R, G and B")?;
+/// Memory that the grid of a frame may take beside the picture and `particle_count` particles [bytes].
+fn grid_memory_limit(scene: &Scene, particle_count: usize) -> u64 {
+    let others = footprint::film_bytes(&scene.settings.film) + particle_count as f64 * footprint::PARTICLE_BYTES;
+    memory_limit(scene).saturating_sub(others as u64)
+}
+
+fn load_picture(path: &Path, memory_limit: u64) -> Result<RadiancePicture, OutputError> {
+    let image = output::read_image(path, memory_limit)?;
+    let rgb = image.to_rgb("").ok_or_else(|| OutputError::Invalid {
+        path: path.into(),
+        format: "picture",
+        problem: "it has no channels R, G and B".into(),
+    })?;
     let [width, height] = image.data_size.map(|n| n as usize);
     Ok(RadiancePicture { width, height, pixels: rgb.into_iter().map(glam::Vec3::from).collect() })
 }

@@ -1,84 +1,14 @@
-//! The program as people run it: exit codes, messages and files, each test in a fresh folder.
+//! The program as people run it: exit codes and messages, each test in a fresh folder.
 
-use assert_cmd::Command;
-use curlsmoke::math::hash::Seed;
+#[path = "support/program.rs"]
+mod program;
+
 use curlsmoke::output::exr::{self, Compression};
 use curlsmoke::output::image::{Image, SampleKind};
-use curlsmoke::output::sidecar::{Sidecar, is_complete};
+use curlsmoke::output::sidecar::Sidecar;
+use program::{BALL, Folder, SMOKE, contains};
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
-use std::time::{Duration, Instant};
-use tempfile::TempDir;
-
-/// A ball in even light: no smoke, so that a frame takes milliseconds.
-const BALL: &str = "\
-version: 1
-frames: {first: 1, last: 3}
-camera: {position: [0, 0, 4], look_at: [0, 0, 0]}
-film: {resolution: [24, 16], spp: 4}
-shapes:
-  ball:
-    sphere: {center: [0, 0, 0], radius: 1}
-lights:
-  - environment: {radiance: [1, 1, 1]}
-output: {image: out/ball.####.exr, preview: out/ball.####.png, aovs: [depth, normal, albedo, variance]}
-";
-
-struct Folder(TempDir);
-
-impl Folder {
-    fn new() -> Self {
-        let folder = Self(tempfile::tempdir().unwrap());
-        folder.write("ball.yaml", BALL);
-        folder
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
-    fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_curlsmoke"));
-        command.current_dir(self.0.path()).args(arguments);
-        command
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().unwrap()
-    }
-
-    /// Runs and demands an exit code; standard output and standard error.
-    fn expect(&self, code: i32, arguments: &[&str]) -> [String; 2] {
-        let output = self.run(arguments);
-        let texts = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{}\n{}", texts[0], texts[1]);
-        texts
-    }
-
-    fn files(&self, folder: &str) -> Vec<String> {
-        let Ok(entries) = fs::read_dir(self.path(folder)) else { return Vec::new() };
-        let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
-
-    fn picture(&self, name: &str, value: f32) {
-        let mut image = Image::new([8, 4]);
-        image.push_rgb("", SampleKind::Float, &[[value; 3]; 32]);
-        fs::write(self.path(name), exr::write(&image, Compression::Zips).unwrap()).unwrap();
-    }
-}
-
-fn contains(text: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(text.contains(part), "`{part}` is missing from:\n{text}");
-    }
-}
+use std::process::Stdio;
 
 #[test]
 fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
@@ -264,157 +194,23 @@ fn compare_says_what_is_wrong_with_files() {
 }
 
 #[test]
-fn a_sequence_is_rendered_with_all_its_files() {
+fn a_stage_begins_and_ends_once() {
     let folder = Folder::new();
-    let [out, err] = folder.expect(0, &["render", "ball.yaml", "--frames", "1,3"]);
-    contains(&out, &["out/ball.0001.exr", "out/ball.0003.exr"]);
-    assert!(!out.contains('\r') && !err.contains('\r') && err.contains("frame 3 (2 of 2): done"), "{out}{err}");
-    let expected = ["0001", "0003"].map(|n| ["exr", "json", "png"].map(|e| format!("ball.{n}.{e}"))).concat();
-    assert_eq!(folder.files("out"), expected);
-    let image = exr::read(&folder.path("out/ball.0001.exr"), 1 << 24).unwrap();
-    let names: Vec<&str> = image.channels.iter().map(|c| c.name.as_str()).collect();
-    assert_eq!(names[..5], ["R", "G", "B", "A", "Z"]);
-    assert_eq!(names.len(), 5 + 3 * 3);
-    let [out, _] = folder.expect(0, &["compare", "out/ball.0001.exr", "out/ball.0001.exr", "--mode", "stat"]);
-    contains(&out, &["the pictures agree"]);
-}
-
-#[test]
-fn a_picture_depends_on_the_scene_and_on_nothing_else() {
-    let folder = Folder::new();
-    folder.expect(0, &["render", "ball.yaml", "--threads", "1"]);
-    let picture = |name: &str| fs::read(folder.path(name)).unwrap();
-    let first = [picture("out/ball.0001.exr"), picture("out/ball.0002.exr")];
-    folder.expect(0, &["render", "ball.yaml", "--threads", "3", "--frames", "2"]);
-    assert!(picture("out/ball.0002.exr") == first[1]);
-    folder.expect(0, &["render", "ball.yaml", "--seed", "2", "--frames", "1"]);
-    assert!(picture("out/ball.0001.exr") != first[0]);
-}
-
-#[test]
-fn a_crop_has_the_pixels_of_the_whole() {
-    let folder = Folder::new();
-    folder.expect(0, &["render", "ball.yaml", "--frames", "1"]);
-    let whole = exr::read(&folder.path("out/ball.0001.exr"), 1 << 24).unwrap();
-    folder.expect(0, &["render", "ball.yaml", "--frames", "1", "--crop", "6,3,18,11"]);
-    let crop = exr::read(&folder.path("out/ball.0001.exr"), 1 << 24).unwrap();
-    assert_eq!((crop.size, crop.data_origin, crop.data_size), ([24, 16], [6, 3], [12, 8]));
-    for channel in &crop.channels {
-        let all = whole.channel(&channel.name).unwrap();
-        for (i, value) in channel.data.iter().enumerate() {
-            let [x, y] = crop.position(i);
-            assert_eq!(value.to_bits(), all[y as usize * 24 + x as usize].to_bits(), "{} at {x}, {y}", channel.name);
-        }
-    }
-}
-
-#[test]
-fn resume_keeps_whole_frames_and_makes_the_others() {
-    let folder = Folder::new();
-    folder.expect(0, &["render", "ball.yaml"]);
-    let [exr, json] = ["out/ball.0002.exr", "out/ball.0003.json"].map(|n| folder.path(n));
-    let whole = fs::read(&exr).unwrap();
-    fs::write(&exr, &whole[..whole.len() - 1]).unwrap();
-    fs::remove_file(json).unwrap();
-    let before = modified(&folder.path("out/ball.0001.exr"));
-    let [out, err] = folder.expect(0, &["render", "ball.yaml", "--resume"]);
-    assert!(!out.contains("0001") && out.contains("0002") && out.contains("0003"), "{out}");
-    contains(&err, &["frame 1 is finished already"]);
-    assert_eq!(modified(&folder.path("out/ball.0001.exr")), before);
-    assert!(fs::read(&exr).unwrap() == whole);
-    let [out, _] = folder.expect(0, &["render", "ball.yaml", "--resume", "--spp", "5"]);
-    contains(&out, &["0001", "0002", "0003"]);
-}
-
-fn modified(path: &Path) -> std::time::SystemTime {
-    fs::metadata(path).unwrap().modified().unwrap()
-}
-
-#[test]
-fn a_place_that_cannot_be_written_is_known_before_rendering() {
-    let folder = Folder::new();
-    folder.write("out", "a file where the folder should be");
-    let start = Instant::now();
-    let [_, err] = folder.expect(5, &["render", "ball.yaml", "--spp", "1000000"]);
-    contains(&err, &["out", "cannot be written"]);
-    assert!(start.elapsed() < Duration::from_secs(20));
-}
-
-#[test]
-#[cfg(unix)]
-fn a_signal_stops_the_work_with_its_own_code_and_leaves_no_part_of_a_frame() {
-    use std::io::{BufRead, BufReader};
-    let folder = Folder::new();
-    for (signal, code) in [("TERM", 143), ("INT", 130)] {
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
-            .current_dir(folder.0.path())
-            .args(["render", "ball.yaml", "--spp", "200000", "--progress", "json"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-        assert!(lines.any(|line| line.contains(r#""stage":"render""#)));
-        let kill = std::process::Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
-        assert!(kill.unwrap().success());
-        let last: Vec<String> = lines.collect();
-        assert_eq!(child.wait().unwrap().code(), Some(code), "{last:?}");
-        assert!(last.iter().any(|line| line.contains(r#""event":"failed""#)), "{last:?}");
-        assert!(folder.files("out").is_empty(), "{:?}", folder.files("out"));
-    }
-}
-
-/// Kills renders of a sequence at `count` moments and looks at what is left, then lets one finish what they began.
-fn kill_at_random(count: u64) {
-    let folder = Folder::new();
-    folder.write("ball.yaml", &BALL.replace("[24, 16], spp: 4", "[320, 180], spp: 2").replace("last: 3", "last: 8"));
-    folder.expect(0, &["render", "ball.yaml"]);
-    fs::rename(folder.path("out"), folder.path("whole")).unwrap();
-    let mut unfinished = 0;
-    for i in 0..count {
-        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
-            .current_dir(folder.0.path())
-            .args(["render", "ball.yaml", "--resume"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        std::thread::sleep(Duration::from_micros(Seed(4).word(i) % 300_000));
-        child.kill().unwrap();
-        child.wait().unwrap();
-        for name in folder.files("out").iter().filter(|name| !name.starts_with('.')) {
-            let [here, whole] = ["out", "whole"].map(|f| folder.path(&format!("{f}/{name}")));
-            if name.ends_with(".json") {
-                let print = Sidecar::read(&here).unwrap().fingerprint;
-                assert!(is_complete(&here, &print), "kill {i}: {name} stands for a frame that is not whole");
-            } else {
-                assert!(fs::read(here).unwrap() == fs::read(whole).unwrap(), "kill {i}: {name} is not whole");
+    for arguments in [&["render", "ball.yaml"][..], &["bake", "smoke.yaml"]] {
+        folder.write("smoke.yaml", SMOKE);
+        let more = ["--frames", "1", "--progress", "json"];
+        let [_, err] = folder.expect(0, &[arguments, &more].concat());
+        let mut open = None;
+        for event in err.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()) {
+            match event["event"].as_str() {
+                Some("stage") => assert_eq!(open.replace(event["stage"].clone()), None, "{err}"),
+                Some("stage_end") => assert_eq!(open.take(), Some(event["stage"].clone()), "{err}"),
+                _ => {}
             }
         }
-        unfinished += usize::from(folder.files("out").len() < 24);
-        if i % 8 == 7 {
-            // Begin anew, so that later kills find work to interrupt.
-            let _ = fs::remove_dir_all(folder.path("out"));
-        }
+        let begins = |line: &&str| line.contains(r#""event":"stage","#) && line.contains(r#""stage":"geometry""#);
+        assert_eq!(err.lines().filter(begins).count(), 1, "{err}");
     }
-    assert!(unfinished > 0, "every run was finished before it was killed");
-    folder.expect(0, &["render", "ball.yaml", "--resume"]);
-    assert_eq!(folder.files("out"), folder.files("whole"), "temporary files are left");
-    for name in folder.files("whole").iter().filter(|name| !name.ends_with(".json")) {
-        let [here, whole] = ["out", "whole"].map(|f| fs::read(folder.path(&format!("{f}/{name}"))).unwrap());
-        assert!(here == whole, "{name} differs after resuming");
-    }
-}
-
-#[test]
-fn a_killed_sequence_has_only_whole_frames_and_resumes_to_the_same_bytes() {
-    kill_at_random(6);
-}
-
-#[test]
-#[ignore = "takes a minute; run with --ignored"]
-fn fifty_kills_leave_only_whole_frames() {
-    kill_at_random(50);
 }
 
 #[test]
@@ -427,4 +223,44 @@ fn progress_for_programs_is_a_json_object_in_each_line() {
     assert_eq!(events.last().unwrap()["event"], "completed");
     let [_, err] = folder.expect(0, &["render", "ball.yaml", "--progress", "none"]);
     assert!(err.is_empty(), "{err}");
+}
+
+#[test]
+fn a_sky_that_is_too_large_or_bad_ends_with_its_own_code() {
+    let folder = Folder::new();
+    let bright = Image { size: [1024, 512], data_size: [1024, 512], ..Image::default() };
+    let write = |name: &str, mut image: Image, layer: &str| {
+        image.push_rgb(layer, SampleKind::Float, &[[1.0; 3]; 1024 * 512]);
+        fs::write(folder.path(name), exr::write(&image, Compression::None).unwrap()).unwrap();
+    };
+    write("sky.exr", bright.clone(), "");
+    write("layer.exr", bright, "other");
+    let scene = |file: &str| BALL.replace("{radiance: [1, 1, 1]}", &format!("{{file: {file}}}"));
+    for (name, file) in [("sky.yaml", "sky.exr"), ("layer.yaml", "layer.exr")] {
+        folder.write(name, &scene(file));
+    }
+    let [_, err] = folder.expect(6, &["render", "sky.yaml", "--memory-limit", "0.011"]);
+    contains(&err, &["sky.exr", "--memory-limit"]);
+    assert_eq!(err.matches("sky.exr").count(), 1, "{err}");
+    let [_, err] = folder.expect(3, &["render", "layer.yaml"]);
+    contains(&err, &["layer.exr", "no channels R, G and B"]);
+    folder.expect(0, &["render", "sky.yaml", "--frames", "1"]);
+}
+
+#[test]
+fn what_was_cut_and_where_particles_were_born_is_said() {
+    let folder = Folder::new();
+    folder.write("smoke.yaml", SMOKE);
+    let [_, err] = folder.expect(0, &["render", "smoke.yaml", "--set", "render.max_bounces=1"]);
+    contains(&err, &["frame 1: paths cut at render.max_bounces = 1 still carried"]);
+    let sidecar = Sidecar::read(&folder.path("out/smoke.0001.json")).unwrap();
+    assert!(sidecar.truncated_light > 0.001 && sidecar.truncated_light <= sidecar.truncated_paths);
+    assert!(sidecar.born_inside > 0 && sidecar.particles > 0);
+    let [_, err] = folder.expect(0, &["render", "smoke.yaml", "--set", "render.max_bounces=1000"]);
+    assert!(!err.contains("max_bounces"), "{err}");
+    let [out, _] = folder.expect(0, &["bake", "smoke.yaml", "--frames", "1"]);
+    contains(&out, &["out/smoke.0001.vdb", "voxels", "born in an obstacle"]);
+    let whole = fs::metadata(folder.path("out/smoke.0001.vdb")).unwrap().len();
+    folder.expect(0, &["bake", "smoke.yaml", "--frames", "1", "--half", "--output", "out/half.####.vdb"]);
+    assert!(fs::metadata(folder.path("out/half.0001.vdb")).unwrap().len() < whole);
 }

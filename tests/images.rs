@@ -51,13 +51,14 @@ fn picture(name: &str, spp: Option<u32>, seed: u64, overrides: &[(&str, &str)]) 
             soft_radius: None,
             memory_limit_bytes: LIMIT,
         };
-        render::build_medium(&scene, splat(&input, &settings).expect("grid").grid)
+        render::build_medium(&scene, splat(&input, &settings).expect("grid").grid).expect("not too dense")
     });
     let mut view = render::build_view(&scene, 1, None);
     view.seed = Seed(seed);
     view.spp = spp.unwrap_or(view.spp);
     let film = tiles::render(&view, &world, medium.as_ref(), &Silent).expect("renders");
-    let origin = Origin { scene_hash: String::new(), seed, frame: 1, fps: 24.0, shutter: [0.0; 2] };
+    let origin =
+        Origin { scene_hash: String::new(), seed, frame: 1, fps: 24.0, shutter: [0.0; 2], camera: view.camera };
     image_of_film(&film, Layers { variance: true, ..Layers::default() }, SampleKind::Float, &origin)
 }
 

@@ -1,6 +1,7 @@
 //! `curlsmoke flow slice` and `curlsmoke streamlines` as people run them, and their numbers against the field.
 
 use curlsmoke::flow::VelocityField;
+use curlsmoke::flow::build::NoFiles;
 use curlsmoke::geometry::Geometry;
 use curlsmoke::output::exr;
 use curlsmoke::output::image::{Attribute, Image};
@@ -89,7 +90,7 @@ fn contains(text: &str, parts: &[&str]) {
 
 fn field() -> VelocityField {
     let scene = Scene::from_text(BALL, "ball.yaml".as_ref()).unwrap_or_else(|e| panic!("{e}"));
-    VelocityField::build(&scene, &Geometry::build(&scene, &Silent).unwrap())
+    VelocityField::build(&scene, &Geometry::build(&scene, &Silent).unwrap(), &NoFiles).unwrap()
 }
 
 fn vector(image: &Image, name: &str) -> DVec3 {
@@ -116,7 +117,7 @@ fn channels_of_a_slice_are_the_field_of_the_frame() {
         for (axis, name) in ["velocity.X", "velocity.Y", "velocity.Z"].into_iter().enumerate() {
             assert!((f64::from(channel(name)[i]) - v[axis]).abs() < 1e-6, "{name} at {p:?}");
         }
-        let distance = field.distance::<f64>(p);
+        let distance = field.distance(p, 0.2);
         assert!((f64::from(channel("distance")[i]) - distance).abs() < 1e-6);
         assert!((f64::from(channel("speed")[i]) - DVec3::from_array(v).length()).abs() < 1e-6);
         if distance > 0.01 {
@@ -177,7 +178,7 @@ fn stream_lines_are_along_the_field_and_outside_of_obstacles() {
             let v = DVec3::from_array(field.velocity(middle.to_array(), 0.3));
             // Positions are in single precision.
             assert!((chord.normalize() - v.normalize()).length() * chord.length() < 2e-5, "{chord} {v}");
-            assert!(field.distance::<f64>(pair[1].to_array()) > -1e-6);
+            assert!(field.distance(pair[1].to_array(), 0.3) > -1e-6);
         }
         let way: f64 = line.windows(2).map(|pair| pair[1].distance(pair[0])).sum();
         assert!(way < 0.8001, "{way}");

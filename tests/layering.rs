@@ -74,23 +74,49 @@ fn source(root: &Path, file: &Path) -> Source {
     Source { name, stage, lines }
 }
 
-/// Modules named after `crate::` in a line, and inside `crate::{…}`.
-fn crate_paths(line: &str) -> Vec<String> {
+/// Modules named after `crate::`, and inside `crate::{…}`, with the number of the line of the `crate::`. Lists may go on
+/// over several lines and hold lists themselves.
+fn crate_paths<'a>(lines: impl IntoIterator<Item = (usize, &'a str)>) -> Vec<(usize, String)> {
+    let lines: Vec<(usize, &str)> = lines.into_iter().collect();
+    let text = lines.iter().map(|(_, line)| *line).collect::<Vec<_>>().join("\n");
     let word = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
     let mut found = Vec::new();
-    for (at, prefix) in line.match_indices("crate::") {
+    for (at, prefix) in text.match_indices("crate::") {
         // `$crate::` and `mycrate::` are not ours.
-        let before = line[..at].chars().next_back();
+        let before = text[..at].chars().next_back();
         if before.is_some_and(|c| c.is_alphanumeric() || c == '_') {
             continue;
         }
-        let rest = &line[at + prefix.len()..];
+        let number = lines[text[..at].matches('\n').count()].0;
+        let rest = &text[at + prefix.len()..];
         match rest.strip_prefix('{') {
-            Some(list) => found.extend(list.split(',').map(|part| word(part.trim())).filter(|w| !w.is_empty())),
-            None => found.push(word(rest)),
+            Some(list) => found.extend(heads(list).iter().map(|part| (number, word(part)))),
+            None => found.push((number, word(rest))),
         }
     }
+    found.retain(|(_, module)| !module.is_empty());
     found
+}
+
+/// The entries of a list up to its closing brace, without the lists inside them.
+fn heads(list: &str) -> Vec<String> {
+    let mut parts = vec![String::new()];
+    let mut depth = 0;
+    for c in list.chars() {
+        match c {
+            '{' => depth += 1,
+            '}' if depth == 0 => break,
+            '}' => depth -= 1,
+            ',' if depth == 0 => parts.push(String::new()),
+            c if depth == 0 => parts.last_mut().unwrap().push(c),
+            _ => {}
+        }
+    }
+    parts.iter().map(|part| part.trim().to_string()).collect()
+}
+
+fn paths_of(source: &Source) -> Vec<(usize, String)> {
+    crate_paths(source.lines.iter().map(|(number, line, _)| (*number, line.as_str())))
 }
 
 fn complain(problems: Vec<String>) {
@@ -103,12 +129,9 @@ fn imports_point_left() {
     let mut problems = Vec::new();
     for source in sources() {
         let Some(own) = rank(&source.stage) else { continue };
-        for (number, line, _) in &source.lines {
-            for module in crate_paths(line) {
-                if rank(&module).is_some_and(|other| other > own) {
-                    problems
-                        .push(format!("src/{}:{number}: {} imports {module}, to its right", source.name, source.stage));
-                }
+        for (number, module) in paths_of(&source) {
+            if rank(&module).is_some_and(|other| other > own) {
+                problems.push(format!("src/{}:{number}: {} imports {module}, to its right", source.name, source.stage));
             }
         }
     }
@@ -139,10 +162,8 @@ fn only_mod_files_know_the_scene() {
         if !SCENE_BLIND.contains(&source.stage.as_str()) || source.name == format!("{}/mod.rs", source.stage) {
             continue;
         }
-        for (number, line, _) in &source.lines {
-            if crate_paths(line).iter().any(|module| module == "scene") {
-                problems.push(format!("src/{}:{number}: only {}/mod.rs may know the scene", source.name, source.stage));
-            }
+        for (number, _) in paths_of(&source).iter().filter(|(_, module)| module == "scene") {
+            problems.push(format!("src/{}:{number}: only {}/mod.rs may know the scene", source.name, source.stage));
         }
     }
     complain(problems);
@@ -191,8 +212,17 @@ fn only_the_command_line_prints() {
 
 #[test]
 fn the_reader_of_imports_sees_all_spellings() {
-    assert_eq!(crate_paths("use crate::math::hash::Seed;"), ["math"]);
-    assert_eq!(crate_paths("use crate::{math::hash, scene};"), ["math", "scene"]);
-    assert_eq!(crate_paths("    let x: crate::grid::Grid = crate::flow::f();"), ["grid", "flow"]);
-    assert!(crate_paths("use othercrate::math;").is_empty());
+    let modules = |text: &str| -> Vec<(usize, String)> {
+        crate_paths(text.lines().enumerate().map(|(i, line)| (i + 1, line))).into_iter().collect()
+    };
+    let named = |text: &str| modules(text).into_iter().map(|(_, module)| module).collect::<Vec<_>>();
+    assert_eq!(named("use crate::math::hash::Seed;"), ["math"]);
+    assert_eq!(named("use crate::{math::hash, scene};"), ["math", "scene"]);
+    assert_eq!(
+        named("use crate::{\n    math::{hash, lattice},\n    scene,\n};\nuse std::{fs, io};"),
+        ["math", "scene"]
+    );
+    assert_eq!(named("    let x: crate::grid::Grid = crate::flow::f();"), ["grid", "flow"]);
+    assert_eq!(modules("\n\nuse crate::{\n    cli,\n};"), [(3, "cli".to_string())]);
+    assert!(named("use othercrate::math;").is_empty());
 }

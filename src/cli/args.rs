@@ -121,6 +121,9 @@ pub struct BakeArguments {
     /// File names, with #### for the frame, instead of output.volume
     #[arg(short, long, value_name = "PATTERN")]
     pub output: Option<String>,
+    /// Half precision: half the size, densities above 65504 are cut
+    #[arg(long)]
+    pub half: bool,
 }
 
 /// Flags of everything that looks at one frame.

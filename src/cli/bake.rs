@@ -7,7 +7,7 @@ use crate::cli::progress::{Reporter, count};
 use crate::cli::render::conclude;
 use crate::cli::signals::Signals;
 use crate::error::Error;
-use crate::pipeline;
+use crate::pipeline::{self, BakeJob};
 
 /// Writes densities; the exit code.
 pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
@@ -17,13 +17,21 @@ pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
     let mut printed = Ok(());
-    let result = pipeline::bake(&scene, &frames, arguments.output.as_deref(), &reporter, &mut |path, grid, mass| {
-        let mut line = format!("{}  {} voxels", path.display(), count(grid.active_voxel_count() as f64));
+    let job = BakeJob { frames, volume: arguments.output.as_deref(), half: arguments.half };
+    let result = pipeline::bake(&scene, &job, &reporter, &mut |path, record| {
+        let mut line = format!("{}  {} voxels", path.display(), count(record.grid.active_voxels as f64));
+        // A bake has no sidecar to say it.
+        let mass = &record.mass;
         if mass.faded > 0.0 {
             let percent = |part: f64| 100.0 * part / mass.particles;
             line += &format!(", {:.2} % of the mass moved away from obstacles", percent(mass.faded - mass.lost));
             if mass.lost > 0.0 {
                 line += &format!(", {:.2e} % lost in them", percent(mass.lost));
+            }
+        }
+        for (number, what) in [(record.penetrations, "penetrations"), (record.born_inside, "born in an obstacle")] {
+            if number > 0 {
+                line.push_str(&format!(", {} {what}", count(number as f64)));
             }
         }
         if printed.is_ok() {

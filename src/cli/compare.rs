@@ -1,7 +1,7 @@
 //! `curlsmoke compare`.
 
 use crate::cli::args::{CompareArguments, CompareMode};
-use crate::cli::{DIFFERENT, print_result};
+use crate::cli::{DIFFERENT, log, print_result};
 use crate::error::Error;
 use crate::output::agreement::StatisticalSettings;
 use crate::output::compare::{Measure, Mode, compare};
@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 /// Compares; 0 when the pictures agree, else [`DIFFERENT`].
 pub(super) fn run(arguments: &CompareArguments) -> Result<u8, Error> {
     let mode = mode_of(arguments)?;
+    if let Some(path) = arguments.heat_map.iter().find(|path| !heat_map::is_known(path)) {
+        return Err(Error::Usage(format!("--heat-map {}: the name must end in .exr or .png", path.display())));
+    }
     let limit = arguments.memory_limit.bytes();
     let image = read_image(&arguments.image, limit)?;
     let reference = read_image(&arguments.reference, limit)?;
@@ -24,6 +27,10 @@ pub(super) fn run(arguments: &CompareArguments) -> Result<u8, Error> {
     let report =
         compare(&image, &reference, variance.as_ref(), mode).map_err(|error| Error::Usage(error.to_string()))?;
     print_result(&report.to_string())?;
+    if report.map.is_empty() && !arguments.heat_map.is_empty() {
+        log("note: the pictures differ in size, so there is no map of where they differ");
+        return Ok(DIFFERENT);
+    }
     for path in &arguments.heat_map {
         heat_map::write(path, &report)?;
     }

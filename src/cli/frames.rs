@@ -45,7 +45,7 @@ pub fn frames(arguments: &FrameArguments, scene: &Scene) -> Result<Vec<i32>, Err
 /// Makes the pool of threads that all stages use.
 pub fn start_threads(arguments: &FrameArguments) -> Result<(), Error> {
     /// More threads than this are a slip of the finger.
-    const THREADS_MAX: usize = 4096;
+    const THREADS_MAX: usize = 512;
     let count = arguments.threads.unwrap_or(0);
     if arguments.threads == Some(0) || count > THREADS_MAX {
         return Err(Error::Usage(format!("--threads {count}: write a number from 1 to {THREADS_MAX}")));

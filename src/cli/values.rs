@@ -97,7 +97,9 @@ impl FromStr for Memory {
     fn from_str(text: &str) -> Result<Self, String> {
         let help = || format!("`{text}` is not an amount of memory; write 4, 4G or 512M (GiB where no letter stands)");
         let upper = text.trim().to_ascii_uppercase();
-        let upper = upper.trim_end_matches('B').trim_end_matches('I');
+        // MB and MiB are M; a B alone would be bytes, which nobody means.
+        let unit = upper.trim_start_matches(|c: char| c.is_ascii_digit() || ".+-E ".contains(c));
+        let upper = if unit == "B" { return Err(help()) } else { upper.trim_end_matches('B').trim_end_matches('I') };
         let (number, scale) = match upper.strip_suffix(['M', 'G', 'T']) {
             Some(number) if upper.ends_with('M') => (number, 1.0 / 1024.0),
             Some(number) if upper.ends_with('T') => (number, 1024.0),

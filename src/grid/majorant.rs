@@ -22,6 +22,8 @@ const SLACK: f32 = 1.0 / 1024.0;
 const PARALLEL: f32 = 1e-20;
 /// Longest jump over empty cells; finding longer ones costs more than they save.
 const MAX_JUMP: usize = 8;
+/// What stands in a cell that is as far from occupied ones as anyone asks.
+const FAR: f32 = -(MAX_JUMP as f32);
 
 /// Upper bounds of a grid's interpolated density.
 #[derive(Debug, Clone)]
@@ -49,16 +51,10 @@ impl MajorantGrid {
     /// Bounds for all of `grid`.
     pub fn new(grid: &DensityGrid) -> Self {
         let dims = grid.directory.dims() * CELLS_PER_BRICK as u32;
-        let exact = cell_maxima(grid, dims);
-        let around = neighbour_maxima(&exact);
-        let mut cells = exact;
-        for (cell, &around) in cells.values_mut().iter_mut().zip(around.values()) {
-            if *cell > 0.0 {
-                // Outside by at most SLACK along each of three axes, the interpolant mixes in at most 3·SLACK of what
-                // lies there; the last factor covers the rounding of the interpolation itself.
-                *cell = (*cell + 3.0 * SLACK * (around - *cell)) * (1.0 + 4.0 * f32::EPSILON);
-            }
-        }
+        let mut cells = cell_maxima(grid, dims);
+        let bounds = bounds_of_occupied(&cells);
+        let occupied = cells.values_mut().iter_mut().filter(|cell| **cell > 0.0);
+        occupied.zip(bounds).for_each(|(cell, bound)| *cell = bound);
         let max_density = cells.values().iter().copied().fold(0.0, f32::max);
         mark_distances(&mut cells);
         Self {
@@ -102,40 +98,59 @@ fn cell_maxima(grid: &DensityGrid, dims: UVec3) -> Lattice<f32> {
     Lattice::from_values(dims, values)
 }
 
-/// Maximum over each cell and its 26 neighbours, one axis at a time.
-fn neighbour_maxima<T: Copy + PartialOrd + Default + Send + Sync>(cells: &Lattice<T>) -> Lattice<T> {
+/// Bounds of the occupied cells, in their order. A list and no second lattice: most cells are empty.
+fn bounds_of_occupied(cells: &Lattice<f32>) -> Vec<f32> {
     let dims = cells.dims();
-    let mut from = cells.clone();
-    for axis in [UVec3::X, UVec3::Y, UVec3::Z] {
-        let stride = from.offset(axis);
-        let along = dims.as_vec3().dot(axis.as_vec3()) as usize;
-        let old = from.values();
-        let larger = |a: T, b: T| if b > a { b } else { a };
-        let values = (0..old.len())
-            .into_par_iter()
-            .map(|i| {
-                let at = i / stride % along;
-                let before = if at > 0 { old[i - stride] } else { T::default() };
-                let behind = if at + 1 < along { old[i + stride] } else { T::default() };
-                larger(larger(old[i], before), behind)
-            })
-            .collect();
-        from = Lattice::from_values(dims, values);
-    }
-    from
+    let bound = |(i, &maximum): (usize, &f32)| {
+        if maximum <= 0.0 {
+            return None;
+        }
+        let i = i as u32;
+        let place = UVec3::new(i % dims.x, i / dims.x % dims.y, i / dims.x / dims.y).as_ivec3();
+        let around = box_points(UVec3::splat(3)).filter_map(|step| cells.get(place + step.as_ivec3() - 1));
+        let around = around.fold(0.0, f32::max);
+        // Outside by at most SLACK along each of three axes, the interpolant mixes in at most 3·SLACK of what lies there;
+        // the last factor covers the rounding of the interpolation itself.
+        Some((maximum + 3.0 * SLACK * (around - maximum)) * (1.0 + 4.0 * f32::EPSILON))
+    };
+    cells.values().par_iter().enumerate().filter_map(bound).collect()
 }
 
-/// Writes into every empty cell how far occupied ones are at least.
+/// Writes into every empty cell how far occupied ones are at least: two sweeps that look at the cells already swept
+/// give distances by the largest coordinate exactly (Rosenfeld and Pfaltz 1968), in place.
 fn mark_distances(cells: &mut Lattice<f32>) {
-    let mut reached = Lattice::from_values(cells.dims(), cells.values().iter().map(|&c| c > 0.0).collect());
-    for distance in 1..=MAX_JUMP {
-        let wider = if distance < MAX_JUMP { neighbour_maxima(&reached) } else { Lattice::filled(cells.dims(), true) };
-        for ((cell, was), is) in cells.values_mut().iter_mut().zip(reached.values()).zip(wider.values()) {
-            if *is && !*was {
-                *cell = -(distance as f32);
+    let dims = cells.dims();
+    cells.values_mut().iter_mut().filter(|cell| **cell <= 0.0).for_each(|cell| *cell = FAR);
+    for is_forward in [true, false] {
+        sweep(cells.values_mut(), dims, is_forward);
+    }
+}
+
+fn sweep(cells: &mut [f32], dims: UVec3, is_forward: bool) {
+    let [nx, ny, nz] = dims.to_array().map(|n| n as usize);
+    // Nearness (0 occupied, −n at distance n) of the nearest cell in the rows behind, with a margin at both ends.
+    let mut nearest = vec![FAR; nx + 2];
+    let turned = |i: usize, n: usize| if is_forward { i } else { n - 1 - i };
+    for row in (0..ny * nz).map(|row| turned(row, ny * nz)) {
+        let (y, z) = (row % ny, row / ny);
+        nearest.fill(FAR);
+        for (dy, dz) in [(-1, 0), (-1, -1), (0, -1), (1, -1)] {
+            let (dy, dz) = if is_forward { (dy, dz) } else { (-dy, -dz) };
+            let (y, z) = (y.wrapping_add_signed(dy), z.wrapping_add_signed(dz));
+            if y < ny && z < nz {
+                let behind = &cells[(z * ny + y) * nx..][..nx];
+                nearest[1..].iter_mut().zip(behind).for_each(|(n, &cell)| *n = n.max(cell.min(0.0)));
             }
         }
-        reached = wider;
+        let own = &mut cells[row * nx..][..nx];
+        let mut last = FAR;
+        for x in (0..nx).map(|x| turned(x, nx)) {
+            let around = nearest[x].max(nearest[x + 1]).max(nearest[x + 2]).max(last);
+            if own[x] <= 0.0 {
+                own[x] = own[x].max(around - 1.0);
+            }
+            last = own[x].min(0.0);
+        }
     }
 }
 
@@ -273,5 +288,31 @@ impl Iterator for MajorantIterator<'_> {
             }
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::hash::{CounterRng, Seed};
+
+    #[test]
+    fn empty_cells_know_how_far_occupied_ones_are() {
+        let mut rng = CounterRng::new(Seed(6));
+        for (dims, share) in [([23, 9, 14], 0.002), ([1, 40, 3], 0.02), ([5, 1, 1], 0.0), ([8, 8, 8], 0.3)] {
+            let dims = UVec3::from(dims);
+            let values = box_points(dims).map(|_| if rng.uniform() < share { 2.5 } else { 0.0 }).collect();
+            let mut cells = Lattice::from_values(dims, values);
+            let occupied: Vec<UVec3> = box_points(dims).filter(|&p| cells.at(p) > 0.0).collect();
+            mark_distances(&mut cells);
+            for p in box_points(dims) {
+                let distance = occupied.iter().map(|o| (o.as_ivec3() - p.as_ivec3()).abs().max_element()).min();
+                let expected = match distance {
+                    Some(0) => 2.5,
+                    distance => -(distance.unwrap_or(i32::MAX).min(MAX_JUMP as i32) as f32),
+                };
+                assert_eq!(cells.at(p), expected, "{p} of {dims}");
+            }
+        }
     }
 }

@@ -42,8 +42,8 @@ pub const MAX_COORDINATE: i32 = 1 << 22;
 pub enum GridError {
     /// The grid would need more memory than allowed; nothing was allocated.
     #[error(
-        "a grid of {}×{}×{} voxels ({brick_count} occupied bricks) needs {:.1} MiB, more than the limit of {:.1} MiB; \
-         use larger voxels or a smaller region",
+        "a grid of {}×{}×{} voxels ({brick_count} occupied bricks) needs {:.1} MiB, more than the {:.1} MiB that \
+         particles and picture leave within the limit; use larger voxels or a smaller region, or raise --memory-limit",
         voxels.x, voxels.y, voxels.z, *needed_bytes as f64 / 1048576.0, *limit_bytes as f64 / 1048576.0
     )]
     OverMemory {
@@ -323,9 +323,10 @@ fn brick_box(coords: &[IVec3]) -> Result<(IVec3, glam::U64Vec3), GridError> {
 
 /// Bytes of a directory of `dims` bricks with `brick_count` occupied, with its majorants and what assembling it takes.
 pub(crate) fn needed_bytes(dims: glam::U64Vec3, brick_count: u64) -> u64 {
-    // Directory, the sources' directory while assembling, majorants on cells of 4³ and the level above them.
-    let per_place = 4 + 4 + 8 * 4 + 1;
-    let per_brick = (size_of::<StoredBrick>() + size_of::<BrickValues>()) as u64;
+    // Directory, the sources' directory while assembling, majorants on cells of 4³.
+    let per_place = 4 + 4 + 8 * 4;
+    // What is stored, what it is made of, its place, and bounds of occupied cells twice while they are collected.
+    let per_brick = (size_of::<StoredBrick>() + size_of::<BrickValues>() + size_of::<UVec3>() + 2 * 8 * 4) as u64;
     let places = [dims.x, dims.y, dims.z].iter().fold(1u64, |a, &b| a.saturating_mul(b));
     places.saturating_mul(per_place).saturating_add(brick_count.saturating_mul(per_brick))
 }

@@ -243,7 +243,7 @@ mod tests {
             fn velocity(&self, _: DVec3, _: f64) -> DVec3 {
                 DVec3::X
             }
-            fn distance(&self, p: DVec3) -> f64 {
+            fn distance(&self, p: DVec3, _: f64) -> f64 {
                 (p.x - 0.77).abs() - 5e-4
             }
         }

@@ -10,7 +10,12 @@
 //!
 //! Under the hypothesis both pictures have the same variance per sample, so where both say how many samples they took
 //! the two estimates are pooled; this keeps a low estimate in a pixel that happened to miss its bright paths from
-//! raising an alarm. The idea of testing renders against mean and variance is that of Mitsuba 3's render tests and of
+//! raising an alarm.
+//!
+//! The variances in our pictures are upper bounds (`docs/decisions.md`), so the tests of pixels and blocks raise fewer
+//! false alarms than `alpha` and find less; the third measures the noise in the picture itself where that is less.
+//!
+//! The idea of testing renders against mean and variance is that of Mitsuba 3's render tests and of
 //! Subr and Arvo 2007 (*Statistical Hypothesis Testing for Assessing Monte Carlo Estimators*).
 
 use crate::math::statistics::{Moments, normal_quantile, sidak, student_t_cdf, z_test};
@@ -80,16 +85,30 @@ pub(crate) fn test(
             rounding: ours[c].iter().zip(theirs[c]).map(|(&a, &b)| rounding(a, b)).collect(),
         })
         .collect();
-    let senseless = |variance: f64| variance.is_nan() || variance < 0.0;
-    if let Some(i) = (0..image.pixel_count()).find(|&i| channels.iter().any(|c| senseless(c.variance[i]))) {
-        let [x, y] = image.position(i);
-        report.find("finite", false, format!("the variance of pixel ({x}, {y}) is negative or not a number"));
+    check_variances(image, &channels, report);
+    if !report.passed() {
         return Ok(());
     }
     test_pixels(&channels, noise.degrees(), settings, report);
     test_blocks(image, &channels, settings, report);
     test_whole(&channels, settings, report);
     Ok(())
+}
+
+/// Fails where a variance is no variance: an infinite one would excuse every difference in its pixel and its block.
+fn check_variances(image: &Image, channels: &[Channel], report: &mut Report) {
+    let is_bad = |v: f64| !(v.is_finite() && v >= 0.0);
+    let bad: Vec<usize> =
+        (0..image.pixel_count()).filter(|&i| channels.iter().any(|c| is_bad(c.variance[i]))).collect();
+    let Some(&first) = bad.first() else { return };
+    bad.iter().for_each(|&i| report.map[i] = f32::INFINITY);
+    let [x, y] = image.position(first);
+    let text = format!(
+        "the variance of {} pixels is infinite, negative or not a number, first ({x}, {y}); a picture of 1 sample per \
+         pixel has no variance: render with 2 or more",
+        bad.len()
+    );
+    report.find("finite", false, text);
 }
 
 /// Largest error that storing a colour makes: relative, and absolute near zero.
@@ -108,8 +127,7 @@ struct Noise<'a> {
 
 impl<'a> Noise<'a> {
     fn of(image: &'a Image, reference: &'a Image, variance: Option<&'a Image>) -> Result<Self, CompareError> {
-        let fits = |v: &&Image| v.data_size == image.data_size;
-        let separate = variance.filter(fits).and_then(|v| v.rgb("variance").or_else(|| v.rgb("")));
+        let separate = variance.map(|v| separate_variance(image, v)).transpose()?;
         let spp = |i: &Image| match i.attribute(SPP_ATTRIBUTE) {
             Some(Attribute::Int(spp)) if *spp > 0 => Some(f64::from(*spp)),
             _ => None,
@@ -155,6 +173,15 @@ impl<'a> Noise<'a> {
             (None, None, ..) => Vec::new(),
         }
     }
+}
+
+/// The channels of a file of variances, which must cover the very pixels of the pictures.
+fn separate_variance<'a>(image: &Image, variance: &'a Image) -> Result<[&'a [f32]; 3], CompareError> {
+    let window = |i: &Image| (i.data_origin, i.data_size);
+    if window(variance) != window(image) {
+        return Err(CompareError::VarianceSize { found: variance.data_size, expected: image.data_size });
+    }
+    variance.rgb("variance").or_else(|| variance.rgb("")).ok_or(CompareError::NoColour("the variance file"))
 }
 
 /// Variance of the difference when only one picture, with `known` samples, says how noisy it is. Without counts the
@@ -232,7 +259,8 @@ fn test_blocks(image: &Image, channels: &[Channel], settings: StatisticalSetting
         }
     }
     let text = format!(
-        "{failed} of {} blocks of {BLOCK} × {BLOCK} pixels differ; worst by {:.2} standard deviations at ({}, {})",
+        "{failed} of {} blocks of {BLOCK} × {BLOCK} pixels differ; worst by {:.2} standard deviations at ({}, {}); \
+         variances are upper bounds where samples are stratified",
         columns * rows,
         worst.0,
         worst.1[0],
@@ -415,17 +443,40 @@ mod tests {
     #[test]
     fn a_single_bad_number_fails() {
         let reference = render(1000, 64, light);
-        for bad in [f32::NAN, f32::INFINITY] {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
             for channel in ["R", "variance.G"] {
+                if (bad, channel) == (-1.0, "R") {
+                    continue;
+                }
                 let mut image = render(1, 64, light);
                 image.channels.iter_mut().find(|c| c.name == channel).unwrap().data[7] = bad;
                 let report = verdict(&image, &reference);
-                assert!(!report.passed() || channel != "R", "{bad} in {channel}: {report}");
+                assert!(failed(&report, "finite"), "{bad} in {channel}: {report}");
+                assert_eq!(report.map[7], f32::INFINITY);
+                assert!(failed(&verdict(&reference, &image), "finite"), "{bad} in {channel} of the reference");
             }
         }
-        let mut image = render(1, 64, light);
-        image.channels.iter_mut().find(|c| c.name == "variance.G").unwrap().data[7] = f32::NAN;
-        assert!(failed(&verdict(&image, &reference), "finite"));
+    }
+
+    #[test]
+    fn pictures_of_one_sample_have_no_variance_and_say_so() {
+        let single = |key: u64| {
+            let mut image = render(key, 2, light);
+            image.set_attribute(SPP_ATTRIBUTE, Attribute::Int(1));
+            image
+                .channels
+                .iter_mut()
+                .filter(|c| c.name.starts_with("variance"))
+                .for_each(|c| c.data.fill(f32::INFINITY));
+            image
+        };
+        // Wrong by far, and once excused by an infinite variance.
+        let mut image = single(1);
+        image.channels.iter_mut().filter(|c| c.name.len() == 1).for_each(|c| c.data.fill(100.0));
+        for reference in [single(2), render(1000, 64, light)] {
+            let report = verdict(&image, &reference);
+            assert!(failed(&report, "finite") && report.to_string().contains("1 sample per pixel"), "{report}");
+        }
     }
 
     #[test]
@@ -440,6 +491,14 @@ mod tests {
         let mode = Mode::Statistical(StatisticalSettings::default());
         assert!(compare(&bare, &mean, Some(&reference), mode).unwrap().passed());
         assert_eq!(compare(&bare, &mean, None, mode), Err(CompareError::NoVariance));
+        // A file that does not fit is no reason to judge by something else.
+        let mut other = Image::new([8, 8]);
+        other.push_rgb("", SampleKind::Float, &[[1.0; 3]; 64]);
+        let error = CompareError::VarianceSize { found: [8, 8], expected: [WIDTH, HEIGHT] };
+        assert_eq!(compare(&bare, &reference, Some(&other), mode), Err(error));
+        let mut grey = Image::new([WIDTH, HEIGHT]);
+        grey.push("A", SampleKind::Half, vec![1.0; (WIDTH * HEIGHT) as usize]);
+        assert!(matches!(compare(&bare, &reference, Some(&grey), mode), Err(CompareError::NoColour(_))));
         let bright = render(11, 64, |x, y| light(x, y).map(|e| 1.03 * e));
         assert!(!verdict(&bright, &reference).passed());
     }

@@ -43,6 +43,18 @@ pub enum CompareError {
          --variance, or choose another --mode"
     )]
     NoVariance,
+    /// The file of variances is of other pixels.
+    #[error(
+        "the variance file has {} × {} pixels, the pictures have {} × {}, or it lies elsewhere in the frame; give one \
+         made for this reference",
+        found[0], found[1], expected[0], expected[1]
+    )]
+    VarianceSize {
+        /// Width and height of the variance file [pixels].
+        found: [u32; 2],
+        /// Width and height of the pictures [pixels].
+        expected: [u32; 2],
+    },
     /// A number that makes no sense.
     #[error("{name} must be {allowed}, not {value}")]
     Setting {

@@ -66,7 +66,10 @@ pub fn write(image: &Image, compression: Compression) -> Result<Vec<u8>, OutputE
     let mut attributes = codec::ImageAttributes::new(display);
     attributes.chromaticities = Some(REC_709);
     let file = codec::Image { attributes, layer_data: layer };
-    let mut bytes = Cursor::new(Vec::new());
+    // At most what the pixels take, and a header: growing on the way would hold half as much again.
+    let length =
+        image.channels.iter().map(|c| c.data.len() * c.kind.bytes()).sum::<usize>() + image.data_size[1] as usize * 16;
+    let mut bytes = Cursor::new(Vec::with_capacity(length + 4096));
     file.write().non_parallel().to_buffered(&mut bytes).map_err(|e| encoding_error(e.to_string()))?;
     let mut bytes = bytes.into_inner();
     sort_header(&mut bytes);
@@ -118,6 +121,7 @@ fn layer_attributes(image: &Image) -> Result<codec::LayerAttributes, OutputError
         match (name.as_str(), value) {
             ("framesPerSecond", Attribute::Rational(n, d)) => layer.frames_per_second = Some((*n, *d)),
             ("worldToCamera", Attribute::Matrix(m)) => layer.world_to_camera = Some(*m),
+            ("worldToNDC", Attribute::Matrix(m)) => layer.world_to_normalized_device = Some(*m),
             ("software", Attribute::Text(t)) => layer.software_name = Some(text(t)?),
             ("comments", Attribute::Text(t)) => layer.comments = Some(text(t)?),
             (_, value) => {
@@ -294,6 +298,7 @@ fn take_layer(image: &mut Image, layer: codec::Layer<codec::AnyChannels<codec::F
     };
     known("framesPerSecond", attributes.frames_per_second.map(|(n, d)| Attribute::Rational(n, d)));
     known("worldToCamera", attributes.world_to_camera.map(Attribute::Matrix));
+    known("worldToNDC", attributes.world_to_normalized_device.map(Attribute::Matrix));
     known("software", attributes.software_name.map(|t| Attribute::Text(t.to_string())));
     known("comments", attributes.comments.map(|t| Attribute::Text(t.to_string())));
     for (name, value) in attributes.other {

@@ -1,7 +1,8 @@
 //! Files that appear whole or not at all, however the program ends.
 //!
 //! Bytes go to a temporary name in the same folder, are synced, and then take the final name in one step of the file
-//! system. A run that is killed leaves at most a temporary file, which the next run of the same target removes.
+//! system. A run that is killed leaves at most a temporary file, which the next run of the same target on the same machine
+//! removes: its name holds machine and process, and processes of other machines cannot be looked up.
 
 use crate::output::OutputError;
 use std::fs::{self, File};
@@ -19,7 +20,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     let folder = folder_of(path);
     fs::create_dir_all(&folder).map_err(|cause| OutputError::Unwritable { path: folder.clone(), cause })?;
     remove_stale(&folder, &name);
-    let temporary = folder.join(format!(".{name}.tmp.{}", std::process::id()));
+    let temporary = folder.join(temporary_name(&name, std::process::id()));
     let written = File::create(&temporary).and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_all()
@@ -46,20 +47,32 @@ pub fn check_writable(path: &Path) -> Result<(), OutputError> {
         return Err(unwritable(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")));
     }
     fs::create_dir_all(&folder).map_err(|cause| OutputError::Unwritable { path: folder.clone(), cause })?;
-    let probe = folder.join(format!(".curlsmoke.tmp.{}", std::process::id()));
+    let probe = folder.join(temporary_name("curlsmoke", std::process::id()));
     File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(unwritable)
 }
 
-fn folder_of(path: &Path) -> PathBuf {
+/// The folder of a file, `.` where its path has none.
+pub(crate) fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.into(),
         _ => PathBuf::from("."),
     }
 }
 
-/// Removes temporary files of this target that runs left which no longer live.
+/// `.NAME.tmp.MACHINE.PROCESS`.
+fn temporary_name(name: &str, process: u32) -> String {
+    format!(".{name}.tmp.{}.{process}", machine())
+}
+
+/// Name of this machine, of letters, digits and dashes alone; empty where the system does not say.
+fn machine() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    name.trim().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(64).collect()
+}
+
+/// Removes temporary files of this target that runs on this machine left which no longer live.
 fn remove_stale(folder: &Path, name: &str) {
-    let prefix = format!(".{name}.tmp.");
+    let prefix = format!(".{name}.tmp.{}.", machine());
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
         let file_name = entry.file_name();
@@ -100,11 +113,16 @@ mod tests {
     fn leftovers_of_dead_runs_go_and_those_of_living_ones_stay() {
         let folder = tempfile::tempdir().unwrap();
         // Process numbers end far below the first; process 1 always lives.
-        for leftover in [".c.exr.tmp.4000000000", ".c.exr.tmp.1", ".d.exr.tmp.4000000000"] {
+        let dead = 4_000_000_000;
+        // On another machine that number may well live.
+        let elsewhere = format!(".c.exr.tmp.{}x.{dead}", machine());
+        let mut kept = vec![temporary_name("c.exr", 1), temporary_name("d.exr", dead), elsewhere, "c.exr".to_string()];
+        for leftover in kept[..3].iter().chain([&temporary_name("c.exr", dead)]) {
             fs::write(folder.path().join(leftover), b"half").unwrap();
         }
         write_atomic(&folder.path().join("c.exr"), b"whole").unwrap();
-        assert_eq!(names(folder.path()), [".c.exr.tmp.1", ".d.exr.tmp.4000000000", "c.exr"]);
+        kept.sort();
+        assert_eq!(names(folder.path()), kept);
     }
 
     #[test]
@@ -128,7 +146,7 @@ mod tests {
     fn a_full_disk_is_an_error_and_leaves_nothing() {
         // Writes to /dev/full fail as on a full disk; the temporary name is made to point there.
         let folder = tempfile::tempdir().unwrap();
-        let temporary = folder.path().join(format!(".c.exr.tmp.{}", std::process::id()));
+        let temporary = folder.path().join(temporary_name("c.exr", std::process::id()));
         std::os::unix::fs::symlink("/dev/full", &temporary).unwrap();
         let error = write_atomic(&folder.path().join("c.exr"), b"whole").unwrap_err();
         assert!(error.to_string().contains("space"), "{error}");

@@ -1,6 +1,7 @@
 //! A finished film as a picture with named layers.
 
 use crate::output::image::{Attribute, Image, SampleKind};
+use crate::render::camera::Camera;
 use crate::render::film::{Film, Pixel};
 
 /// Which further layers a picture carries.
@@ -17,7 +18,7 @@ pub struct Layers {
 }
 
 /// What a picture says of its making. Nothing of it depends on the machine or the hour.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Origin {
     /// Fingerprint of the scene and everything it refers to.
     pub scene_hash: String,
@@ -29,6 +30,8 @@ pub struct Origin {
     pub fps: f64,
     /// Shutter, in frames relative to the frame.
     pub shutter: [f64; 2],
+    /// Where it was taken from.
+    pub camera: Camera,
 }
 
 /// The film as a picture: `R G B A` first, in half precision unless `kind` says otherwise, then the layers asked for.
@@ -62,5 +65,10 @@ fn describe(image: &mut Image, film: &Film, origin: &Origin) {
     image.set_attribute("curlsmoke/frame", Attribute::Int(origin.frame));
     image.set_attribute("curlsmoke/spp", Attribute::Int(film.spp.min(i32::MAX as u32) as i32));
     image.set_attribute("curlsmoke/shutter", Attribute::Float2(origin.shutter.map(|x| x as f32)));
+    image.set_attribute("software", text(concat!("curlsmoke ", env!("CARGO_PKG_VERSION"))));
+    // The name of linear light of Rec. 709 primaries among the colour spaces of the Color Interop Forum.
+    image.set_attribute("colorInteropID", text("lin_rec709_scene"));
+    image.set_attribute("worldToCamera", Attribute::Matrix(origin.camera.world_to_camera()));
+    image.set_attribute("worldToNDC", Attribute::Matrix(origin.camera.world_to_ndc()));
     image.set_attribute("framesPerSecond", Attribute::Rational((origin.fps * 1000.0).round() as i32, 1000));
 }

@@ -10,6 +10,11 @@ use std::path::Path;
 /// Colours from no difference to the largest shown: black, blue, red, yellow, white.
 const RAMP: [[f32; 3]; 5] = [[0.0, 0.0, 0.0], [0.1, 0.1, 0.8], [0.9, 0.1, 0.1], [1.0, 0.9, 0.1], [1.0, 1.0, 1.0]];
 
+/// Whether the ending of a name is one of a map.
+pub fn is_known(path: &Path) -> bool {
+    matches!(extension(path).as_str(), "exr" | "png")
+}
+
 /// Writes how bad each pixel is: as numbers in channel Y of an .exr file, or as colours, white from the 99.9th
 /// percentile up, in a .png file.
 ///

@@ -9,6 +9,16 @@ pub enum SampleKind {
     Float,
 }
 
+impl SampleKind {
+    /// Length of a number in a file [bytes].
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Half => 2,
+            Self::Float => 4,
+        }
+    }
+}
+
 /// One number for each pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {

@@ -103,6 +103,7 @@ pub(crate) fn read_bytes(path: &Path, memory_limit: u64) -> Result<Vec<u8>, Outp
         std::io::ErrorKind::NotFound => OutputError::Missing { path: path.into() },
         _ => OutputError::Unreadable { path: path.into(), cause },
     };
+    check_regular(path).map_err(unreadable)?;
     let file = File::open(path).map_err(unreadable)?;
     let length = file.metadata().map_err(unreadable)?.len();
     check_memory(path, length, memory_limit)?;
@@ -110,6 +111,14 @@ pub(crate) fn read_bytes(path: &Path, memory_limit: u64) -> Result<Vec<u8>, Outp
     // A file that grows while it is read, or a device without a length, stops here too.
     file.take(memory_limit).read_to_end(&mut bytes).map_err(unreadable)?;
     Ok(bytes)
+}
+
+/// An error for what is there but no file: opening a pipe waits for its other end, perhaps for ever.
+pub(crate) fn check_regular(path: &Path) -> std::io::Result<()> {
+    if std::fs::metadata(path)?.is_file() {
+        return Ok(());
+    }
+    Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is no regular file"))
 }
 
 /// An error when more bytes are needed than allowed.
@@ -126,6 +135,17 @@ impl From<crate::scene::settings::View> for png::View {
             crate::scene::settings::View::Standard => Self::Standard,
             crate::scene::settings::View::Neutral => Self::Neutral,
             crate::scene::settings::View::Raw => Self::Raw,
+        }
+    }
+}
+
+impl From<crate::scene::settings::Compression> for exr::Compression {
+    fn from(compression: crate::scene::settings::Compression) -> Self {
+        match compression {
+            crate::scene::settings::Compression::Zips => Self::Zips,
+            crate::scene::settings::Compression::Zip => Self::Zip,
+            crate::scene::settings::Compression::Piz => Self::Piz,
+            crate::scene::settings::Compression::None => Self::None,
         }
     }
 }

@@ -3,8 +3,8 @@
 //! Everything that depends on the machine or the hour is here and not in the picture, whose bytes are a pure function of
 //! the scene.
 
-use crate::output::file::write_atomic;
-use crate::output::{OutputError, read_bytes};
+use crate::output::file::{folder_of, write_atomic};
+use crate::output::{OutputError, check_regular, read_bytes};
 use crate::progress::Stage;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -35,10 +35,16 @@ pub struct Sidecar {
     pub samples_per_second: f64,
     /// Particles alive in the frame.
     pub particles: u64,
-    /// Particle steps that would have ended inside an obstacle and were corrected.
+    /// Particle steps that would have ended inside an obstacle and were corrected, on the way from the last frame made.
     pub penetrations: u64,
+    /// Particles that were born inside an obstacle and moved to its surface, on the way from the last frame made.
+    pub born_inside: u64,
     /// Share of paths that were cut at `render.max_bounces`, 0 to 1.
     pub truncated_paths: f64,
+    /// Light lost so, in units of what every path would bring if all were lit by radiance 1: the throughput that cut
+    /// paths still carried, averaged over all paths. 0 to 1; an estimate of the darkening in light that is alike from
+    /// everywhere.
+    pub truncated_light: f64,
     /// Voxels that hold density, and memory of the grid [bytes].
     pub grid: GridFigures,
     /// Where the particles' mass went [density·m³]; zeros for density from a file.
@@ -52,7 +58,7 @@ pub struct Sidecar {
 /// A file of the frame, as it was when written.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WrittenFile {
-    /// Name of the file, in the same folder or relative to it.
+    /// Name of the file, relative to the folder of the sidecar: `a.exr`, `../png/a.png`.
     pub name: String,
     /// Length [bytes].
     pub bytes: u64,
@@ -106,10 +112,9 @@ impl Sidecar {
         *self.seconds.entry(stage.name().to_string()).or_default() += time.as_secs_f64();
     }
 
-    /// Adds a file that was written with these contents beside `sidecar`.
+    /// Adds a file of the frame that was written with these contents.
     pub fn add_file(&mut self, sidecar: &Path, file: &Path, contents: &[u8]) {
-        let folder = sidecar.parent().unwrap_or(Path::new(""));
-        let name = file.strip_prefix(folder).unwrap_or(file).to_string_lossy().into_owned();
+        let name = name_beside(sidecar, file);
         self.files.push(WrittenFile { name, bytes: contents.len() as u64, sha256: sha256(contents) });
     }
 
@@ -169,6 +174,7 @@ pub fn sha256_of_file(path: &Path) -> Result<String, OutputError> {
         std::io::ErrorKind::NotFound => OutputError::Missing { path: path.into() },
         _ => OutputError::Unreadable { path: path.into(), cause },
     };
+    check_regular(path).map_err(unreadable)?;
     let mut file = std::fs::File::open(path).map_err(unreadable)?;
     let mut hash = Sha256::new();
     let mut piece = vec![0; 1 << 16];
@@ -184,10 +190,36 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
+/// The name of a file as seen from the folder of the sidecar. Absolute where there is no way from one to the other.
+fn name_beside(sidecar: &Path, file: &Path) -> String {
+    // Links are followed, because `..` behind a link leads out of the folder that the link points to.
+    let real = |folder: &Path| std::fs::canonicalize(folder).or_else(|_| std::path::absolute(folder));
+    let (Ok(from), Ok(to)) = (real(&folder_of(sidecar)), real(&folder_of(file))) else {
+        return file.to_string_lossy().into_owned();
+    };
+    let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    if shared == 0 {
+        // Another drive.
+        return to.join(file.file_name().unwrap_or_default()).to_string_lossy().into_owned();
+    }
+    let up = from.components().skip(shared).map(|_| "..".into());
+    let down = to.components().skip(shared).map(|part| part.as_os_str().to_string_lossy());
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    up.chain(down).chain([name]).collect::<Vec<_>>().join("/")
+}
+
 /// Whether the frame with this sidecar is finished and would come out the same again: the sidecar stands, has this
-/// fingerprint, and every file it lists still has its length and contents. Anything unreadable counts as unfinished.
-pub fn is_complete(path: &Path, fingerprint: &str) -> bool {
+/// fingerprint, lists all of `files`, and every file it lists still has its length and contents. Anything unreadable
+/// counts as unfinished.
+pub fn is_complete(path: &Path, fingerprint: &str, files: &[PathBuf]) -> bool {
     let Ok(sidecar) = Sidecar::read(path) else { return false };
+    let is_listed = |file: &PathBuf| {
+        let name = name_beside(path, file);
+        sidecar.files.iter().any(|listed| listed.name == name)
+    };
+    if !files.iter().all(is_listed) {
+        return false;
+    }
     let folder = path.parent().unwrap_or(Path::new(""));
     let stands = |file: &WrittenFile| {
         read_bytes(&folder.join(&file.name), file.bytes)
@@ -230,24 +262,53 @@ mod tests {
         let image = folder.path().join("plume.0001.exr");
         let path = sidecar_path(&image);
         let print = fingerprint(&[b"scene", b"settings"]);
-        assert!(!is_complete(&path, &print));
+        let files = [image.clone()];
+        assert!(!is_complete(&path, &print, &files));
         write_atomic(&image, b"pixels").unwrap();
         let mut sidecar = Sidecar { frame: 1, fingerprint: print.clone(), ..Sidecar::default() };
         sidecar.add_file(&path, &image, b"pixels");
+        let preview = folder.path().join("png/small/plume.png");
+        write_atomic(&preview, b"few pixels").unwrap();
         sidecar.add_time(Stage::Render, Duration::from_millis(1500));
         sidecar.write(&path).unwrap();
         assert_eq!(Sidecar::read(&path).unwrap(), sidecar);
         assert_eq!(sidecar.files[0].name, "plume.0001.exr");
-        assert!(is_complete(&path, &print));
-        assert!(!is_complete(&path, &fingerprint(&[b"scene", b"changed"])));
+        assert!(is_complete(&path, &print, &files));
+        assert!(!is_complete(&path, &fingerprint(&[b"scene", b"changed"]), &files));
         for damage in [&b"pixelz"[..], b"pixel", b"pixels!"] {
             fs::write(&image, damage).unwrap();
-            assert!(!is_complete(&path, &print));
+            assert!(!is_complete(&path, &print, &files));
         }
+        fs::write(&image, b"pixels").unwrap();
+        // A file of this run that the sidecar does not know is still to be made.
+        assert!(!is_complete(&path, &print, &[image.clone(), preview.clone()]));
+        sidecar.add_file(&path, &preview, b"few pixels");
+        assert_eq!(sidecar.files[1].name, "png/small/plume.png");
+        sidecar.write(&path).unwrap();
+        assert!(is_complete(&path, &print, &[image.clone(), preview]));
         fs::remove_file(&image).unwrap();
-        assert!(!is_complete(&path, &print));
+        assert!(!is_complete(&path, &print, &files));
         fs::write(&path, "{").unwrap();
-        assert!(!is_complete(&path, &print));
+        assert!(!is_complete(&path, &print, &files));
+    }
+
+    #[test]
+    fn a_file_in_another_folder_is_named_from_the_sidecar() {
+        let folder = tempfile::tempdir().unwrap();
+        let (sidecar, file) = (folder.path().join("exr/a.json"), folder.path().join("png/a.png"));
+        for path in [&sidecar, &file] {
+            write_atomic(path, b"").unwrap();
+        }
+        assert_eq!(name_beside(&sidecar, &file), "../png/a.png");
+        #[cfg(unix)]
+        {
+            // From behind a link the way up is that of the folder it points to.
+            fs::create_dir_all(folder.path().join("far/away")).unwrap();
+            std::os::unix::fs::symlink(folder.path().join("far/away"), folder.path().join("link")).unwrap();
+            let name = name_beside(&folder.path().join("link/a.json"), &file);
+            assert_eq!(name, "../../png/a.png");
+            assert!(folder.path().join("link").join(name).exists());
+        }
     }
 
     #[test]

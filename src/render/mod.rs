@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod color;
+pub mod dense;
 pub mod environment;
 pub mod film;
 pub mod filter;
@@ -40,13 +41,28 @@ pub enum RenderError {
     /// The caller asked to stop.
     #[error("cancelled")]
     Cancelled,
-    /// A picture of the surroundings cannot be read.
+    /// A picture of the surroundings cannot be read. The error is that of whoever read it, and names the file.
+    #[error(transparent)]
+    Picture(Box<dyn std::error::Error + Send + Sync>),
+    /// A picture of the surroundings holds what is no light.
     #[error("{path}: {problem}", path = path.display())]
     Environment {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
         problem: String,
+    },
+    /// Smoke too dense for single precision.
+    #[error(
+        "the smoke's density reaches {density:.3e}; times smoke.medium.extinction, {extinction:.3e}, this is an extinction \
+         of {:.3e} 1/m, at most {SIGMA_MAX:.0e} is allowed; lower smoke.medium.extinction or the mass of the emitters",
+        f64::from(*density) * extinction
+    )]
+    TooDense {
+        /// Largest density of the frame.
+        density: f32,
+        /// Extinction coefficient of density 1 [1/m].
+        extinction: f64,
     },
     /// The ray-tracing scene cannot be built.
     #[error(transparent)]
@@ -68,7 +84,10 @@ pub enum RenderError {
 }
 
 /// Reads a picture of the surroundings, or says what is wrong with it: file formats are not this stage's business.
-pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<RadiancePicture, String>;
+pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<RadiancePicture, Box<dyn std::error::Error + Send + Sync>>;
+
+/// Largest extinction coefficient that light is traced through [1/m]: far beyond any matter, and far from overflow.
+pub const SIGMA_MAX: f64 = 1e20;
 
 /// Surfaces, materials and lights of a scene: all that stays the same from frame to frame.
 ///
@@ -83,12 +102,20 @@ pub fn build_world(scene: &Scene, geometry: &Geometry, load: LoadPicture) -> Res
     Ok(World::new(surfaces, materials, lights, center))
 }
 
-/// The smoke of a frame.
-pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Option<Medium> {
-    let medium = &scene.settings.smoke.as_ref()?.medium;
+/// The smoke of a frame; `None` for a scene without any.
+///
+/// # Errors
+/// [`RenderError::TooDense`] where density times extinction passes [`SIGMA_MAX`].
+pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Result<Option<Medium>, RenderError> {
+    let Some(smoke) = &scene.settings.smoke else { return Ok(None) };
+    let medium = &smoke.medium;
+    let density = grid.max_density();
+    if f64::from(density) * medium.extinction > SIGMA_MAX {
+        return Err(RenderError::TooDense { density, extinction: medium.extinction });
+    }
     let settings::Phase::HenyeyGreenstein { g } = medium.phase;
     let phase = Phase::HenyeyGreenstein { g: g as f32 };
-    Some(Medium::new(grid, medium.extinction as f32, vec3(medium.albedo), phase))
+    Ok(Some(Medium::new(grid, medium.extinction as f32, vec3(medium.albedo), phase)))
 }
 
 /// How frame `frame` is taken; `crop` renders a part of it.
@@ -150,7 +177,7 @@ fn environment(scene: &Scene, e: &settings::Environment, load: LoadPicture) -> R
     if let Some(file) = &e.file {
         let path = scene.resolve(file);
         let fail = |problem| RenderError::Environment { path: path.clone(), problem };
-        let picture = load(&path).map_err(fail)?;
+        let picture = load(&path).map_err(RenderError::Picture)?;
         picture.check().map_err(fail)?;
         let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
         return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));

@@ -16,6 +16,11 @@ use rayon::prelude::*;
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
 const TILE: u32 = 16;
 
+/// Most samples between two looks at whether to stop: a pixel may have millions.
+const SAMPLES_A_LOOK: u32 = 256;
+/// Most scatterings between two looks: a path may have a hundred thousand.
+const BOUNCES_A_LOOK: u64 = 1 << 14;
+
 /// How a picture is taken.
 #[derive(Debug, Clone)]
 pub struct View {
@@ -73,11 +78,7 @@ fn render_tile(
     let mut pixels = Vec::with_capacity(tile.area());
     for y in tile.y0..tile.y1 {
         for x in tile.x0..tile.x1 {
-            if progress.is_cancelled() {
-                return Err(RenderError::Cancelled);
-            }
-            pixels.push(render_pixel(x, y, view, integrator, &mut counts)?);
-            progress.advance(u64::from(view.spp));
+            pixels.push(render_pixel(x, y, view, integrator, &mut counts, progress)?);
         }
     }
     Ok((pixels, counts))
@@ -89,11 +90,23 @@ fn render_pixel(
     view: &View,
     integrator: &Integrator,
     counts: &mut PathCounts,
+    progress: &dyn Progress,
 ) -> Result<Pixel, RenderError> {
     let middle = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
     let ray_at = |p: Vec2| Ray { origin: view.camera.position(), direction: view.camera.direction(p) };
     let mut sum = PixelSum::default();
+    let (mut looked_at_sample, mut looked_at_bounce) = (0, counts.bounces);
+    if progress.is_cancelled() {
+        return Err(RenderError::Cancelled);
+    }
     for sample in 0..view.spp {
+        if sample - looked_at_sample >= SAMPLES_A_LOOK || counts.bounces - looked_at_bounce >= BOUNCES_A_LOOK {
+            progress.advance(u64::from(sample - looked_at_sample));
+            if progress.is_cancelled() {
+                return Err(RenderError::Cancelled);
+            }
+            (looked_at_sample, looked_at_bounce) = (sample, counts.bounces);
+        }
         let mut sampler = Sampler::new(view.seed, x, y, sample);
         let u = sampler.numbers(Dimension::Film, 0);
         let ray = ray_at(middle + view.filter.sample([u[0], u[1]]));
@@ -103,6 +116,7 @@ fn render_pixel(
         }
         sum.add(&contribution);
     }
+    progress.advance(u64::from(view.spp - looked_at_sample));
     let ray = ray_at(middle);
     let depth = integrator
         .world

@@ -2,17 +2,23 @@
 //!
 //! Delta tracking (Woodcock et al. 1965) samples a collision; ratio tracking (Novák et al. 2014, *Residual ratio
 //! tracking for estimating attenuation in participating media*) estimates transmittance. Both run over local majorants
-//! and are unbiased for every bound that is one.
+//! and are unbiased for every bound that is one. Pieces on which they would take very many steps are crossed exactly,
+//! see `dense.rs`.
 
 use crate::geometry::embree::Ray;
 use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::Segment;
 use crate::math::hash::CounterRng;
+use crate::render::dense::{self, Crossing};
 use crate::render::medium::Medium;
 
 /// Transmittance below which a shadow ray plays roulette: lower wastes steps behind thick smoke, higher adds noise to
 /// thin shadows.
 const ROULETTE_BELOW: f32 = 0.1;
+
+/// Optical depth of a piece by its bound above which it is crossed voxel by voxel. A piece crosses some 6 voxels, which
+/// cost as much as this many fictitious collisions; thinner pieces, which are all of ordinary smoke, end sooner by chance.
+const DENSE: f32 = 64.0;
 
 /// How a free flight ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,6 +39,14 @@ pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: 
     let line = medium.ray_to_index(ray);
     for segment in medium.majorants(ray, t_max) {
         let mut piece = Piece::new(medium, line, &segment);
+        if piece.is_dense() {
+            match piece.cross(f64::from(flight.tau_left)) {
+                Crossing::Collision(t) => return Event::Collision { t: t as f32 },
+                // The difference of two large numbers may round below 0.
+                Crossing::Through(tau) => flight.tau_left = (flight.tau_left - tau as f32).max(0.0),
+            }
+            continue;
+        }
         while let Some(share) = flight.next_candidate(&mut piece) {
             if stream.uniform() < share {
                 return Event::Collision { t: piece.t as f32 };
@@ -50,20 +64,38 @@ pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &m
     let line = medium.ray_to_index(ray);
     for segment in medium.majorants(ray, t_max) {
         let mut piece = Piece::new(medium, line, &segment);
+        if piece.is_dense() {
+            if let Crossing::Through(tau) = piece.cross(f64::INFINITY) {
+                transmittance *= (-tau).exp() as f32;
+            }
+            if !survives(&mut transmittance, stream) {
+                return 0.0;
+            }
+            continue;
+        }
         // Drawn only where there is smoke: an empty grid must leave the stream as it is.
         let flight = flight.get_or_insert_with(|| Flight { tau_left: optical_distance(stream.uniform()) });
         while let Some(share) = flight.next_candidate(&mut piece) {
             transmittance *= 1.0 - share;
-            if transmittance < ROULETTE_BELOW {
-                if stream.uniform() * ROULETTE_BELOW >= transmittance {
-                    return 0.0;
-                }
-                transmittance = ROULETTE_BELOW;
+            if !survives(&mut transmittance, stream) {
+                return 0.0;
             }
             flight.tau_left = optical_distance(stream.uniform());
         }
     }
     transmittance
+}
+
+/// Plays roulette for a small transmittance; false where it is lost, which makes it 0.
+#[inline]
+fn survives(transmittance: &mut f32, stream: &mut CounterRng) -> bool {
+    if *transmittance < ROULETTE_BELOW {
+        if stream.uniform() * ROULETTE_BELOW >= *transmittance {
+            return false;
+        }
+        *transmittance = ROULETTE_BELOW;
+    }
+    true
 }
 
 /// A flight through homogenised smoke, real and fictitious: `tau_left` is the optical distance to its next collision.
@@ -86,6 +118,16 @@ impl<'a> Piece<'a> {
     fn new(medium: &'a Medium, line: IndexRay, segment: &Segment) -> Self {
         let sigma_maj = segment.density_max * medium.extinction();
         Self { medium, line, sigma_maj, t: f64::from(segment.t0), end: f64::from(segment.t1) }
+    }
+
+    #[inline]
+    fn is_dense(&self) -> bool {
+        self.sigma_maj * (self.end - self.t) as f32 > DENSE
+    }
+
+    #[cold]
+    fn cross(&self, tau_left: f64) -> Crossing {
+        dense::cross(self.medium, &self.line, [self.t, self.end], tau_left)
     }
 }
 

@@ -195,7 +195,8 @@ impl<'a> Collector<'a> {
 
     fn add(&mut self, severity: Severity, place: Place, key: &str, message: String) -> &mut Diagnostic {
         let source = &self.sources[place.source_idx.min(self.sources.len() - 1)];
-        let (excerpt, caret) = excerpt(&source.text, place.position);
+        // Of thousands of errors in a long file only the first are shown, and finding a line takes time.
+        let (excerpt, caret) = if self.is_full() { Default::default() } else { excerpt(&source.text, place.position) };
         let diagnostic = Diagnostic {
             severity,
             fault: Fault::Invalid,

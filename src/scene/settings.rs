@@ -64,7 +64,8 @@ pub struct Frames {
     /// Frames per second. Default 24.
     #[schemars(range(min = 0.001, max = 10000.0))]
     pub fps: f64,
-    /// Opening and closing of the shutter, in frames relative to the frame. Default [0, 0]: no motion blur.
+    /// Opening and closing of the shutter, in frames relative to the frame. Default [0, 0]: no motion blur. Smoke is
+    /// smeared straight along the velocity it has at the frame; the camera stands still.
     pub shutter: [f64; 2],
 }
 
@@ -142,7 +143,8 @@ pub enum Filter {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Render {
-    /// Paths end after this many scatterings; the share of light lost so is reported. Default 64.
+    /// Paths end after this many scatterings; the sidecar file says how much light was lost so, and above 0.1 % the log
+    /// does. Default 64.
     #[schemars(range(min = 0, max = 100000))]
     pub max_bounces: u32,
     /// Scatterings before Russian roulette may end a path. Default 8.
@@ -740,6 +742,8 @@ pub struct PointLight {
 pub struct Output {
     /// Picture in linear light, .exr. Default out/{scene}.####.exr.
     pub image: String,
+    /// How the pixels of the picture are packed; never with loss. Default zips.
+    pub compression: Compression,
     /// Picture to look at, .png. Default none.
     pub preview: Option<String>,
     /// Density, .vdb, written by `curlsmoke bake`. Default out/{scene}.####.vdb.
@@ -757,6 +761,7 @@ impl Default for Output {
     fn default() -> Self {
         Self {
             image: "out/{scene}.####.exr".into(),
+            compression: Compression::Zips,
             preview: None,
             volume: "out/{scene}.####.vdb".into(),
             aovs: Vec::new(),
@@ -764,6 +769,20 @@ impl Default for Output {
             exposure_ev: 0.0,
         }
     }
+}
+
+/// How pixels are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Compression {
+    /// Deflate, line by line: what compositing programs read fastest.
+    Zips,
+    /// Deflate, 16 lines at a time: some percent smaller.
+    Zip,
+    /// Wavelets: often smallest for noisy pictures, slower to read.
+    Piz,
+    /// Not at all.
+    None,
 }
 
 /// A further layer of the picture.
@@ -776,7 +795,8 @@ pub enum Aov {
     Normal,
     /// Colour of the first surface or smoke. Channels albedo.R, albedo.G, albedo.B.
     Albedo,
-    /// Variance of the mean of the picture. Channels variance.R, variance.G, variance.B.
+    /// Variance of the mean of the picture, as if samples were independent: an upper bound, since they are stratified.
+    /// Infinite with one sample per pixel. Channels variance.R, variance.G, variance.B.
     Variance,
 }
 

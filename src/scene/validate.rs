@@ -124,7 +124,9 @@ impl<'s> Check<'s, '_, '_> {
     }
 
     fn camera(&mut self, camera: &Camera) {
-        let view = difference(camera.look_at, camera.position);
+        // Light is traced in single precision, in which the points may be the same.
+        let single = |v: Vec3| v.map(|x| f64::from(x as f32));
+        let view = difference(single(camera.look_at), single(camera.position));
         if length(view) < 1e-9 {
             self.error("camera.look_at", "camera", "the camera looks at the point where it stands");
             return;
@@ -288,9 +290,13 @@ impl<'s> Check<'s, '_, '_> {
                 Light::Environment(environment) => self.environment(&format!("{key}.environment"), environment),
                 Light::Rectangle(rectangle) => {
                     let key = format!("{key}.rectangle");
+                    let sizes = [rectangle.half_u, rectangle.half_v].map(length);
                     if is_parallel(rectangle.half_u, rectangle.half_v) {
                         let message = "`half_u` and `half_v` are parallel, so that the rectangle has no area";
                         self.error(&format!("{key}.half_v"), &key, message);
+                    } else if let Some(i) = sizes.iter().position(|size| !(1e-6..=1e6).contains(size)) {
+                        let message = "half an edge must be between 1e-6 and 1e6 m long";
+                        self.error(&format!("{key}.half_{}", ["u", "v"][i]), &key, message);
                     }
                     rectangle.radiance
                 }

@@ -1,0 +1,290 @@
+//! The files that the program leaves: the same whatever way they came about, and whole whatever happens.
+
+#[path = "support/program.rs"]
+mod program;
+
+use curlsmoke::math::hash::Seed;
+use curlsmoke::output::exr;
+use curlsmoke::output::sidecar::{Sidecar, is_complete};
+use program::{BALL, Folder, SMOKE, contains};
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+#[test]
+fn a_sequence_is_rendered_with_all_its_files() {
+    let folder = Folder::new();
+    let [out, err] = folder.expect(0, &["render", "ball.yaml", "--frames", "1,3"]);
+    contains(&out, &["out/ball.0001.exr", "out/ball.0003.exr"]);
+    assert!(!out.contains('\r') && !err.contains('\r') && err.contains("frame 3 (2 of 2): done"), "{out}{err}");
+    let expected = ["0001", "0003"].map(|n| ["exr", "json", "png"].map(|e| format!("ball.{n}.{e}"))).concat();
+    assert_eq!(folder.files("out"), expected);
+    let image = exr::read(&folder.path("out/ball.0001.exr"), 1 << 24).unwrap();
+    let names: Vec<&str> = image.channels.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(names[..5], ["R", "G", "B", "A", "Z"]);
+    assert_eq!(names.len(), 5 + 3 * 3);
+    for name in ["worldToCamera", "worldToNDC", "software", "colorInteropID", "framesPerSecond", "curlsmoke/seed"] {
+        assert!(image.attribute(name).is_some(), "{name}: {:?}", image.attributes);
+    }
+    let lengths = ["zips", "zip", "piz", "none"].map(|compression| {
+        let set = format!("output.compression={compression}");
+        folder.expect(0, &["render", "ball.yaml", "--frames", "2", "--set", &set]);
+        folder.expect(0, &["compare", "out/ball.0002.exr", "out/ball.0002.exr", "--mode", "stat"]);
+        fs::metadata(folder.path("out/ball.0002.exr")).unwrap().len()
+    });
+    assert!(lengths[..3].iter().all(|length| *length < lengths[3]), "{lengths:?}");
+    let [out, _] = folder.expect(0, &["compare", "out/ball.0001.exr", "out/ball.0001.exr", "--mode", "stat"]);
+    contains(&out, &["the pictures agree"]);
+}
+
+#[test]
+fn a_picture_depends_on_the_scene_and_on_nothing_else() {
+    let folder = Folder::new();
+    folder.expect(0, &["render", "ball.yaml", "--threads", "1"]);
+    let picture = |name: &str| fs::read(folder.path(name)).unwrap();
+    let first = [picture("out/ball.0001.exr"), picture("out/ball.0002.exr")];
+    folder.expect(0, &["render", "ball.yaml", "--threads", "3", "--frames", "2"]);
+    assert!(picture("out/ball.0002.exr") == first[1]);
+    folder.expect(0, &["render", "ball.yaml", "--seed", "2", "--frames", "1"]);
+    assert!(picture("out/ball.0001.exr") != first[0]);
+}
+
+#[test]
+fn smoke_depends_on_the_scene_and_on_nothing_else() {
+    let folder = Folder::new();
+    folder.write("smoke.yaml", SMOKE);
+    folder.expect(0, &["render", "smoke.yaml", "--threads", "1"]);
+    let picture = |frame: i32| fs::read(folder.path(&format!("out/smoke.000{frame}.exr"))).unwrap();
+    let sequence = [1, 2, 3].map(picture);
+    let differ = |how: &str| {
+        let differing: Vec<i32> = (1..=3).filter(|&f| picture(f) != sequence[f as usize - 1]).collect();
+        assert!(differing.is_empty(), "{how}: frames {differing:?} differ");
+    };
+    folder.expect(0, &["render", "smoke.yaml", "--threads", "3", "--frames", "3"]);
+    differ("the last frame alone, on three threads");
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "3-1"]);
+    differ("backwards");
+    fs::remove_file(folder.path("out/smoke.0002.json")).unwrap();
+    folder.expect(0, &["render", "smoke.yaml", "--resume"]);
+    differ("resumed");
+}
+
+#[test]
+fn a_crop_has_the_pixels_of_the_whole() {
+    let folder = Folder::new();
+    folder.expect(0, &["render", "ball.yaml", "--frames", "1"]);
+    let whole = exr::read(&folder.path("out/ball.0001.exr"), 1 << 24).unwrap();
+    folder.expect(0, &["render", "ball.yaml", "--frames", "1", "--crop", "6,3,18,11"]);
+    let crop = exr::read(&folder.path("out/ball.0001.exr"), 1 << 24).unwrap();
+    assert_eq!((crop.size, crop.data_origin, crop.data_size), ([24, 16], [6, 3], [12, 8]));
+    for channel in &crop.channels {
+        let all = whole.channel(&channel.name).unwrap();
+        for (i, value) in channel.data.iter().enumerate() {
+            let [x, y] = crop.position(i);
+            assert_eq!(value.to_bits(), all[y as usize * 24 + x as usize].to_bits(), "{} at {x}, {y}", channel.name);
+        }
+    }
+}
+
+#[test]
+fn resume_keeps_whole_frames_and_makes_the_others() {
+    let folder = Folder::new();
+    folder.expect(0, &["render", "ball.yaml"]);
+    let [exr, json] = ["out/ball.0002.exr", "out/ball.0003.json"].map(|n| folder.path(n));
+    let whole = fs::read(&exr).unwrap();
+    fs::write(&exr, &whole[..whole.len() - 1]).unwrap();
+    fs::remove_file(json).unwrap();
+    let before = modified(&folder.path("out/ball.0001.exr"));
+    let [out, err] = folder.expect(0, &["render", "ball.yaml", "--resume"]);
+    assert!(!out.contains("0001") && out.contains("0002") && out.contains("0003"), "{out}");
+    contains(&err, &["frame 1 is finished already"]);
+    assert_eq!(modified(&folder.path("out/ball.0001.exr")), before);
+    assert!(fs::read(&exr).unwrap() == whole);
+    let [out, _] = folder.expect(0, &["render", "ball.yaml", "--resume", "--spp", "5"]);
+    contains(&out, &["0001", "0002", "0003"]);
+}
+
+#[test]
+fn resume_finds_a_preview_in_another_folder_and_makes_one_under_another_name() {
+    let folder = Folder::new();
+    let render = |preview: &str, more: &[&str]| {
+        let preview = format!("output.preview={preview}");
+        folder.expect(0, &[&["render", "ball.yaml", "--frames", "1", "--set", &preview], more].concat())
+    };
+    render("png/ball.####.png", &[]);
+    let sidecar = Sidecar::read(&folder.path("out/ball.0001.json")).unwrap();
+    assert_eq!(sidecar.files[1].name, "../png/ball.0001.png");
+    let [_, err] = render("png/ball.####.png", &["--resume"]);
+    contains(&err, &["frame 1 is finished already"]);
+    let [out, _] = render("png/other.####.png", &["--resume"]);
+    contains(&out, &["ball.0001.exr"]);
+    assert_eq!(folder.files("png"), ["ball.0001.png", "other.0001.png"]);
+    let [_, err] = render("png/other.####.png", &["--resume"]);
+    contains(&err, &["frame 1 is finished already"]);
+}
+
+fn modified(path: &Path) -> std::time::SystemTime {
+    fs::metadata(path).unwrap().modified().unwrap()
+}
+
+#[test]
+fn a_place_that_cannot_be_written_is_known_before_rendering() {
+    let folder = Folder::new();
+    folder.write("out", "a file where the folder should be");
+    let start = Instant::now();
+    let [_, err] = folder.expect(5, &["render", "ball.yaml", "--spp", "1000000"]);
+    contains(&err, &["out", "cannot be written"]);
+    folder.write("busy", "a file where the folder of the previews should be");
+    let image = ["--set", "output.image=free/ball.####.exr", "--set", "output.preview=busy/ball.####.png"];
+    let [_, err] = folder.expect(5, &[&["render", "ball.yaml", "--spp", "1000000"], &image[..]].concat());
+    contains(&err, &["busy", "cannot be written"]);
+    folder.write("smoke.yaml", SMOKE);
+    let [_, err] = folder.expect(5, &["bake", "smoke.yaml", "--output", "busy/a.####.vdb", "--progress", "json"]);
+    contains(&err, &["busy", "cannot be written"]);
+    assert!(!err.contains(r#""stage":"#), "work was done before: {err}");
+    assert!(start.elapsed() < Duration::from_secs(60));
+}
+
+#[test]
+#[cfg(unix)]
+fn the_densest_smoke_ends_and_heeds_signals() {
+    let folder = Folder::new();
+    folder.write("smoke.yaml", SMOKE);
+    let dense = ["render", "smoke.yaml", "--frames", "1", "--spp", "1"];
+    for (mass, extinction) in [("1e12", "1000"), ("0.02", "1e9")] {
+        let [mass, extinction] =
+            [format!("smoke.emitters[0].mass={mass}"), format!("smoke.medium.extinction={extinction}")];
+        let start = Instant::now();
+        folder.expect(0, &[&dense[..], &["--set", &mass, "--set", &extinction]].concat());
+        assert!(start.elapsed() < Duration::from_secs(60), "{mass} {extinction}");
+    }
+    let beyond = ["--set", "smoke.emitters[0].mass=1e12", "--set", "smoke.medium.extinction=1e9"];
+    let [_, err] = folder.expect(3, &[&dense[..], &beyond].concat());
+    contains(&err, &["smoke.medium.extinction", "at most 1e20", "lower"]);
+    // A single pixel of which would take hours.
+    let long = ["render", "smoke.yaml", "--frames", "1", "--spp", "16777216", "--threads", "1", "--progress", "json"];
+    let code = stopped_by(&folder, &long, "TERM");
+    assert_eq!(code, Some(143));
+}
+
+/// Runs until rendering begins, sends a signal, and waits; the exit code.
+#[cfg(unix)]
+fn stopped_by(folder: &Folder, arguments: &[&str], signal: &str) -> Option<i32> {
+    use std::io::{BufRead, BufReader};
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
+        .current_dir(folder.0.path())
+        .args(arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(lines.any(|line| line.contains(r#""stage":"render""#)));
+    let start = Instant::now();
+    let kill = std::process::Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+    let last: Vec<String> = lines.collect();
+    assert!(last.iter().any(|line| line.contains(r#""event":"failed""#)), "{last:?}");
+    let code = child.wait().unwrap().code();
+    assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
+    code
+}
+
+#[test]
+#[cfg(unix)]
+fn a_signal_stops_the_work_with_its_own_code_and_leaves_no_part_of_a_frame() {
+    let folder = Folder::new();
+    for (signal, code) in [("TERM", 143), ("INT", 130)] {
+        let arguments = ["render", "ball.yaml", "--spp", "200000", "--progress", "json"];
+        assert_eq!(stopped_by(&folder, &arguments, signal), Some(code));
+        assert!(folder.files("out").is_empty(), "{:?}", folder.files("out"));
+    }
+}
+
+/// Kills renders of a sequence at `count` moments and looks at what is left, then lets one finish what they began.
+fn kill_at_random(count: u64) {
+    let folder = Folder::new();
+    folder.write("ball.yaml", &BALL.replace("[24, 16], spp: 4", "[320, 180], spp: 2").replace("last: 3", "last: 8"));
+    folder.expect(0, &["render", "ball.yaml"]);
+    fs::rename(folder.path("out"), folder.path("whole")).unwrap();
+    let mut unfinished = 0;
+    for i in 0..count {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
+            .current_dir(folder.0.path())
+            .args(["render", "ball.yaml", "--resume"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_micros(Seed(4).word(i) % 300_000));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        for name in folder.files("out").iter().filter(|name| !name.starts_with('.')) {
+            let [here, whole] = ["out", "whole"].map(|f| folder.path(&format!("{f}/{name}")));
+            if name.ends_with(".json") {
+                let print = Sidecar::read(&here).unwrap().fingerprint;
+                assert!(is_complete(&here, &print, &[]), "kill {i}: {name} stands for a frame that is not whole");
+            } else {
+                assert!(fs::read(here).unwrap() == fs::read(whole).unwrap(), "kill {i}: {name} is not whole");
+            }
+        }
+        unfinished += usize::from(folder.files("out").len() < 24);
+        if i % 8 == 7 {
+            // Begin anew, so that later kills find work to interrupt.
+            let _ = fs::remove_dir_all(folder.path("out"));
+        }
+    }
+    assert!(unfinished > 0, "every run was finished before it was killed");
+    folder.expect(0, &["render", "ball.yaml", "--resume"]);
+    assert_eq!(folder.files("out"), folder.files("whole"), "temporary files are left");
+    for name in folder.files("whole").iter().filter(|name| !name.ends_with(".json")) {
+        let [here, whole] = ["out", "whole"].map(|f| fs::read(folder.path(&format!("{f}/{name}"))).unwrap());
+        assert!(here == whole, "{name} differs after resuming");
+    }
+}
+
+#[test]
+fn a_killed_sequence_has_only_whole_frames_and_resumes_to_the_same_bytes() {
+    kill_at_random(6);
+}
+
+#[test]
+#[ignore = "takes a minute; run with --ignored"]
+fn fifty_kills_leave_only_whole_frames() {
+    kill_at_random(50);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_memory_limit_is_kept() {
+    // A block of smoke of millions of voxels, where bricks count, and two puffs far apart, where their directory does; both
+    // from few particles.
+    let block = "{box: {center: [0, 0.5, 0], size: [1, 1, 1]}, count: 150000, start: -0.1, lifetime: 10}";
+    let puff =
+        |at: &str| format!("{{box: {{center: {at}, size: [0.2, 0.2, 0.2]}}, count: 1000, start: -0.1, lifetime: 10}}");
+    let puffs = [puff("[-2.5, -2.5, -2.5]"), puff("[2.5, 2.5, 2.5]")].join(", ");
+    for (name, emitters, edge) in [("block", block, 512), ("puffs", &puffs, 64)] {
+        let folder = Folder::new();
+        let line = SMOKE.lines().find(|line| line.contains("emitters")).unwrap();
+        let flow = &SMOKE[SMOKE.find("flow:").unwrap()..SMOKE.find("smoke:").unwrap()];
+        let scene = SMOKE.replace(line, &format!("  emitters: [{emitters}]")).replace(flow, "");
+        let scene = scene.replace("voxel_size: 0.04", "voxel_size: 0.004");
+        folder.write("smoke.yaml", &scene.replace("[16, 16], spp: 4", &format!("[{edge}, {edge}], spp: 1")));
+        let mut limit = 100.0;
+        let all = "output.aovs=[depth, normal, albedo, variance]";
+        let sidecar = loop {
+            let arguments = ["render", "smoke.yaml", "--frames", "1", "--set", all, "--set", "render.max_bounces=2"];
+            let output = folder.run(&[&arguments[..], &["--memory-limit", &format!("{limit}M")]].concat());
+            match output.status.code() {
+                Some(0) => break Sidecar::read(&folder.path("out/smoke.0001.json")).unwrap(),
+                Some(6) => limit *= 1.05,
+                code => panic!("{code:?} {}", String::from_utf8_lossy(&output.stderr)),
+            }
+            assert!(limit < 2000.0);
+        };
+        let peak = sidecar.memory_peak as f64 / f64::from(1 << 20);
+        println!("{name}: limit {limit:.0} MiB, peak {peak:.0} MiB, {} voxels", sidecar.grid.active_voxels);
+        assert!(limit > 120.0 && peak <= 1.1 * limit, "{name}: limit {limit:.0} MiB, peak {peak:.0} MiB");
+    }
+}
