@@ -6,10 +6,16 @@ use curlsmoke::geometry::embree::Ray;
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
+use curlsmoke::math::statistics::{Moments, normal_quantile, sidak};
 use curlsmoke::progress::Silent;
 use curlsmoke::render;
+use curlsmoke::render::environment::Environment;
+use curlsmoke::render::film::Film;
+use curlsmoke::render::integrator::World;
+use curlsmoke::render::light::Light;
 use curlsmoke::render::medium::Medium;
 use glam::Vec3;
+use rayon::prelude::*;
 use std::f64::consts::PI;
 use support::{Stage, centered_grid, estimate, stage};
 
@@ -21,7 +27,7 @@ fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
 }
 
 fn medium(stage: &Stage, grid: DensityGrid) -> Medium {
-    render::build_medium(&stage.scene, grid).expect("the scene has smoke")
+    render::build_medium(&stage.scene, grid).expect("not too dense").expect("the scene has smoke")
 }
 
 /// Optical depth along a ray between two distances by the midpoint rule in double precision.
@@ -69,15 +75,15 @@ fn a_white_furnace_stays_white() {
         "{SMOKE}
 render: {{max_bounces: 100000}}
 shapes:
-  ball: {{sphere: {{center: [0.2, 0, 0], radius: 0.3}}, material: {{diffuse: {{reflectance: [1, 1, 1]}}}}}}
+  ball: {{sphere: {{center: [0.1, 0, 0], radius: 0.15}}, material: {{diffuse: {{reflectance: [1, 1, 1]}}}}}}
 smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 3, albedo: [1, 1, 1], phase: {{henyey_greenstein: {{g: 0.4}}}}}}}}
 lights: [{{sphere: {{center: [0, 0, 0], radius: 20, radiance: [1, 1, 1]}}}}]
 "
     ));
-    let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+    let medium = medium(&stage, centered_grid([8, 8, 8], 0.1, lumps));
     for (name, beam, count) in [
         ("outside", ray([0.1, 0.05, 5.0], [0.0, 0.0, -1.0]), 10_000_000),
-        ("inside", ray([-0.5, 0.1, 0.2], [0.7, 0.2, -0.3]), 2_000_000),
+        ("inside", ray([-0.25, 0.1, 0.1], [0.7, 0.2, -0.3]), 10_000_000),
     ] {
         let found = estimate(&stage, Some(&medium), count, 2, |_| beam);
         println!("white furnace, camera {name}: {} ± {}", found.mean, found.standard_error);
@@ -104,6 +110,116 @@ lights: [{{environment: {{radiance: [1, 1, 1]}}}}]
         assert!((pixel.mean - 1.0).abs().max_element() < 1e-4, "{:?}", pixel.mean);
         assert_eq!(pixel.alpha, 1.0);
     }
+}
+
+/// Demands that every pixel is what it should be within its noise, and the picture as a whole within that of its mean.
+///
+/// A pixel's variance is an upper bound, as samples are stratified; the whole is measured by the spread between pixels.
+fn check_pixels(name: &str, film: &Film, expected: impl Fn(usize) -> f64) {
+    let n = film.pixels.len();
+    let limit = -normal_quantile(0.5 * sidak(0.001, n));
+    // Differences as they are: in units of its own noise, which a pixel's luck lowers with its mean, they would be off.
+    let (mut differences, mut worst) = (Moments::default(), 0.0f64);
+    for (i, pixel) in film.pixels.iter().enumerate() {
+        let (difference, deviation) = (f64::from(pixel.mean.x) - expected(i), f64::from(pixel.variance.x).sqrt());
+        if deviation > 0.0 {
+            differences.push(difference);
+            worst = worst.max(difference.abs() / deviation);
+        } else {
+            // Without noise only rounding is left.
+            assert!(difference.abs() <= 1e-5 * expected(i), "{name}, pixel {i}: {difference}");
+        }
+    }
+    let whole = differences.mean() / differences.variance_of_mean().sqrt();
+    let found =
+        format!("worst z {worst:.2} of {limit:.2} allowed, whole picture {whole:+.2} ({:+.2e})", differences.mean());
+    assert!(differences.count() > n as u64 / 4 && worst < limit && whole.abs() < 3.3, "{name}: {found}");
+}
+
+/// The furnace of the tests below, seen by the whole picture.
+const FURNACE: &str = "
+camera: {position: [0, 0, 3], look_at: [0, 0, 0]}
+film: {resolution: [32, 24], spp: 2048}
+render: {max_bounces: 100000}
+shapes:
+  ball: {sphere: {center: [0.2, 0, 0], radius: 0.3}, material: {diffuse: {reflectance: [1, 1, 1]}}}
+smoke: {emitters: [{point: {position: [0, 0, 0]}, count: 1, lifetime: 1}], grid: {voxel_size: 1}, medium: {extinction: 3, albedo: [1, 1, 1], phase: {henyey_greenstein: {g: 0.4}}}}
+";
+
+fn picture_of(stage: &Stage, world: &World, medium: Option<&Medium>) -> Film {
+    render::tiles::render(&render::build_view(&stage.scene, 1, None), world, medium, &Silent).expect("renders")
+}
+
+#[test]
+fn all_pixels_of_a_furnace_are_white() {
+    let stage =
+        stage(&format!("{FURNACE}\nlights: [{{sphere: {{center: [0, 0, 0], radius: 20, radiance: [1, 1, 1]}}}}]"));
+    let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+    check_pixels("furnace of a shining ball", &picture_of(&stage, &stage.world, Some(&medium)), |_| 1.0);
+}
+
+/// A dark picture of the sky with one bright pixel, which is sampled; with `rest`, what is missing from it to 1.
+fn skies(rest: bool) -> Vec<Light> {
+    let dark: Vec<Vec3> = (0..16 * 8).map(|i| Vec3::splat(if i == 37 { 1.0 } else { 0.02 })).collect();
+    let light = dark.iter().map(|&p| Vec3::ONE - p).collect();
+    let sky = |pixels| Light::Environment(Environment::picture(16, 8, pixels, 33.0, true));
+    let mut skies = vec![sky(dark)];
+    assert!(skies[0].is_worth_sampling());
+    if rest {
+        skies.push(sky(light));
+    }
+    skies
+}
+
+#[test]
+fn all_pixels_of_a_furnace_of_sampled_sky_are_white() {
+    let Stage { scene, world } = stage(&format!("{FURNACE}\nlights: [{{environment: {{radiance: [1, 1, 1]}}}}]"));
+    // Two pictures that add up to 1 everywhere, also between their pixels.
+    let world = World::new(world.surfaces, world.materials, skies(true), WorldPoint::default());
+    let stage = Stage { scene, world };
+    let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+    check_pixels("furnace of sampled sky", &picture_of(&stage, &stage.world, Some(&medium)), |_| 1.0);
+}
+
+#[test]
+fn a_ball_under_a_picture_with_one_bright_pixel_equals_quadrature_in_every_pixel() {
+    // A convex ball sees nothing but sky, so its radiance is reflectance/π ∫ L cos: all bounces are in it.
+    let Stage { scene, world } = stage(
+        "
+camera: {position: [0, 0, 3], look_at: [0, 0, 0]}
+film: {resolution: [24, 24], spp: 1024, filter: {box: {radius: 0}}}
+shapes:
+  ball: {sphere: {center: [0, 0, 0], radius: 0.8}, material: {diffuse: {reflectance: [0.7, 0.7, 0.7]}}}
+lights: [{environment: {radiance: [1, 1, 1]}}]
+",
+    );
+    let world = World::new(world.surfaces, world.materials, skies(false), WorldPoint::default());
+    let stage = Stage { scene, world };
+    let Light::Environment(sky) = &stage.world.lights[0] else { panic!("a sky") };
+    // The midpoint rule over cosine and longitude, fine enough for the tent of the bright pixel.
+    const N: usize = 1024;
+    let directions: Vec<(Vec3, f64)> = (0..N * N / 2)
+        .map(|i| {
+            let y = 1.0 - 2.0 * ((i / N) as f64 + 0.5) / (N / 2) as f64;
+            let (s, c) = (((i % N) as f64 + 0.5) / N as f64 * 2.0 * PI).sin_cos();
+            let r = (1.0 - y * y).sqrt();
+            let d = Vec3::new((r * c) as f32, y as f32, (r * s) as f32);
+            let direction = UnitVec3::try_new(d).expect("not zero");
+            (*direction, f64::from(sky.radiance(direction).x) * 4.0 * PI / (N * N / 2) as f64)
+        })
+        .collect();
+    let camera = render::build_view(&stage.scene, 1, None).camera;
+    let expected = |i: usize| {
+        let pixel = glam::Vec2::new((i % 24) as f32 + 0.5, (i / 24) as f32 + 0.5);
+        let beam = Ray { origin: camera.position(), direction: camera.direction(pixel) };
+        let Some(hit) = stage.world.surfaces.intersect(&beam, 0.0, f32::INFINITY) else {
+            return f64::from(sky.radiance(beam.direction).x);
+        };
+        let lit = directions.iter().map(|(d, weight)| weight * f64::from(hit.normal.dot(*d).max(0.0))).sum::<f64>();
+        0.7 / PI * lit
+    };
+    let expected: Vec<f64> = (0..24 * 24).into_par_iter().map(expected).collect();
+    check_pixels("ball under a bright pixel", &picture_of(&stage, &stage.world, None), |i| expected[i]);
 }
 
 /// Radiance scattered once towards the camera along `beam`, from a light given by its direction, distance and
