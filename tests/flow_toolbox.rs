@@ -60,7 +60,7 @@ fn masks() -> Vec<Mask> {
     vec![
         Mask::Height { axis: DVec3::new(0.0, 0.6, 0.8), from: -1.0, to: 0.8 },
         Mask::Shape { sdf: placed(sphere(0.4, 0.0, 0.0, 0.5)), from: 1.0, to: 0.1 },
-        Mask::Solid { solid: cuboid(DVec3::ZERO, DVec3::splat(0.8), 0.4), from: 0.7, to: 0.0 },
+        Mask::solid(cuboid(DVec3::ZERO, DVec3::splat(0.8), 0.4), 0.7, 0.0),
         Mask::Wake(Wake {
             center: DVec3::new(-0.8, 0.0, 0.0),
             radius: 0.5,

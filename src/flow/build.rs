@@ -166,12 +166,12 @@ impl Builder<'_> {
             },
             settings::Mask::Sphere(m) => {
                 let solid = Primitive::Sphere(Sphere { center: v(m.center), radius: m.radius });
-                Mask::Solid { solid, from: m.from, to: m.to }
+                Mask::solid(solid, m.from, m.to)
             }
             settings::Mask::Box(m) => {
                 let solid =
                     Primitive::Cuboid(Cuboid { center: v(m.center), half_size: 0.5 * v(m.size), rounding: 0.0 });
-                Mask::Solid { solid, from: m.from, to: m.to }
+                Mask::solid(solid, m.from, m.to)
             }
             settings::Mask::Wake(m) => match self.shape(&m.shape).and_then(|shape| shape.sdf.as_ref()) {
                 Some(sdf) => Mask::Wake(Wake {

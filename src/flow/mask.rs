@@ -4,12 +4,13 @@
 
 use crate::flow::octaves::{Octave, OctaveSpan};
 use crate::geometry::primitive::Primitive;
-use crate::geometry::sdf::PlacedSdf;
+use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::spline::Spline;
 use crate::math::interpolate::quintic_step;
 use crate::math::jet::{Jet, Scalar};
 use crate::math::lattice::Lattice;
 use crate::math::real::{Lane, Real, dot, triple};
+use crate::math::space::Similarity;
 use glam::{DMat3, DVec3, UVec3};
 use std::sync::Arc;
 
@@ -34,15 +35,6 @@ pub enum Mask {
     Shape {
         /// The shape.
         sdf: Arc<PlacedSdf>,
-        /// Where it is 0 [m].
-        from: f64,
-        /// Where it is 1 [m].
-        to: f64,
-    },
-    /// 0 at the signed distance `from` of a solid in world space, 1 at `to`.
-    Solid {
-        /// The solid.
-        solid: Primitive,
         /// Where it is 0 [m].
         from: f64,
         /// Where it is 1 [m].
@@ -176,6 +168,11 @@ fn smooth_field<L: Real>(x: Scalar<L>, from: f64, to: f64) -> Scalar<L> {
 }
 
 impl Mask {
+    /// By the distance from a solid in world space: 0 at `from`, 1 at `to` [m].
+    pub fn solid(solid: Primitive, from: f64, to: f64) -> Self {
+        Self::Shape { sdf: Arc::new(PlacedSdf::new(Sdf::Primitive(solid), Similarity::IDENTITY)), from, to }
+    }
+
     /// Patches of size `length` [m] between `low` and `high`.
     pub fn noise(octave: &Octave, low: f64, high: f64) -> Self {
         Self::Noise { octave: Box::new(octave.span(0.0, 0.0)), low, high }
@@ -199,7 +196,6 @@ impl Mask {
                 smooth_field(Scalar { value: dot(gradient, p), gradient }, *from, *to)
             }
             Self::Shape { sdf, from, to } => smooth_field(sdf.at(p), *from, *to),
-            Self::Solid { solid, from, to } => smooth_field(solid.distance(Jet::point(p)).scalar(), *from, *to),
             Self::Wake(wake) => wake.value(Jet::point(p)).scalar(),
             Self::Noise { octave, low, high } => {
                 let psi = octave.psi(p, one.lit(0.0));
@@ -235,8 +231,8 @@ mod tests {
         let turn = DMat3::from_axis_angle(DVec3::new(1.0, 0.3, 0.0).normalize(), 0.8) * 3.0;
         vec![
             Mask::Height { axis: DVec3::new(0.6, 0.8, 0.0), from: -0.3, to: 0.7 },
-            Mask::Solid { solid: ball, from: 0.4, to: -0.1 },
-            Mask::Solid { solid: Primitive::Cuboid(cube), from: 0.5, to: 0.0 },
+            Mask::solid(ball, 0.4, -0.1),
+            Mask::solid(Primitive::Cuboid(cube), 0.5, 0.0),
             Mask::Wake(Wake {
                 center: DVec3::new(-0.5, 0.0, 0.0),
                 radius: 0.3,

@@ -65,9 +65,17 @@ pub fn evolving_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: NoiseSeed, step:
 }
 
 /// Noise of unit lattice at `p`, where lattice coordinates are counted from `cell`; gradients turned by `spin`.
+#[inline(never)]
+pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: [L::Word; 2], spin: Spin<L>) -> Psi<L> {
+    p[0].outlined(
+        #[inline(always)]
+        || gradient_noise_here(p, cell, seed, spin),
+    )
+}
+
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: [L::Word; 2], spin: Spin<L>) -> Psi<L> {
+fn gradient_noise_here<L: Lane>(p: [L; 3], cell: [u32; 3], seed: [L::Word; 2], spin: Spin<L>) -> Psi<L> {
     let one = p[0].lit(1.0);
     let base = triple!(a => p[a].floor());
     let offset: [[L; 2]; 3] = triple!(a => [p[a] - base[a], p[a] - base[a] - one]);

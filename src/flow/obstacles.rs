@@ -207,9 +207,14 @@ impl Obstacle {
     /// Signed distance [m] with its gradient, and the normal with its derivatives where equation 5 applies.
     #[inline(always)]
     pub fn wall<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L) -> (Scalar<L>, Option<UnitNormal<L>>) {
-        let Some(motion) = motion else { return self.wall_at_rest(p) };
-        let (p, m) = motion.to_rest(p, phase);
-        let (distance, normal) = self.wall_at_rest(p);
+        let (rest, m) = match motion {
+            Some(motion) => motion.to_rest(p, phase),
+            None => (p, [p; 3]),
+        };
+        let (distance, normal) = self.wall_at_rest(rest);
+        if motion.is_none() {
+            return (distance, normal);
+        }
         let turned = |v: [L; 3]| -> [L; 3] { triple!(i => dot(m[i], v)) };
         let normal = normal.map(|(n, d)| {
             // Mᵀ on the right: how the normal changes along the axes of the world.

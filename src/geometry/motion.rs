@@ -3,6 +3,9 @@
 use crate::math::real::{Lane, Real, cross, dot, triple};
 use glam::{DMat3, DQuat, DVec3};
 
+/// Over this time velocities at an instant are taken [s].
+const INSTANT: f64 = 1e-5;
+
 /// Where a body is at a time, relative to where it rests: turned about its own middle, then moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
@@ -54,9 +57,12 @@ impl Motion {
         self.keys.iter().all(|k| k.1 == self.keys[0].1)
     }
 
-    /// The motion from `start` [s] on for `duration` [s], of a body whose middle rests at `center`.
+    /// The motion from `start` [s] on for `duration` [s], of a body whose middle rests at `center`. A span without
+    /// duration has the velocity at its instant.
     pub fn span(&self, center: DVec3, start: f64, duration: f64) -> RigidSpan {
-        RigidSpan::between(center, self.pose(start), self.pose(start + duration), duration)
+        let soon = if duration > 0.0 { duration } else { INSTANT };
+        let span = RigidSpan::between(center, self.pose(start), self.pose(start + soon), soon);
+        if duration > 0.0 { span } else { RigidSpan { displacement: DVec3::ZERO, angle: 0.0, ..span } }
     }
 }
 
@@ -70,7 +76,10 @@ pub struct RigidSpan {
     axis: DVec3,
     /// Over the span [rad], at most π.
     angle: f64,
-    duration: f64,
+    /// Of the middle [m/s].
+    velocity: DVec3,
+    /// [rad/s].
+    angular_velocity: DVec3,
 }
 
 /// A rotation that may differ from lane to lane: rows of its matrix.
@@ -84,7 +93,9 @@ impl RigidSpan {
             turn = -turn;
         }
         let (axis, angle) = turn.normalize().to_axis_angle();
-        Self { center, start, displacement: end.displacement - start.displacement, axis, angle, duration }
+        let displacement = end.displacement - start.displacement;
+        let (velocity, angular_velocity) = (displacement / duration, axis * (angle / duration));
+        Self { center, start, displacement, axis, angle, velocity, angular_velocity }
     }
 
     /// The middle at `phase` of the span, 0 to 1 [m].
@@ -96,12 +107,12 @@ impl RigidSpan {
 
     /// Angular velocity [rad/s].
     pub fn angular_velocity(&self) -> DVec3 {
-        if self.duration > 0.0 { self.axis * (self.angle / self.duration) } else { DVec3::ZERO }
+        self.angular_velocity
     }
 
     /// Velocity of the middle [m/s].
     pub fn velocity(&self) -> DVec3 {
-        if self.duration > 0.0 { self.displacement / self.duration } else { DVec3::ZERO }
+        self.velocity
     }
 
     /// How far the body has turned from rest at `phase`.
@@ -135,7 +146,7 @@ impl RigidSpan {
     /// Velocity of the body's material at `p` [m/s].
     #[inline(always)]
     pub fn velocity_at<L: Real>(&self, p: [L; 3], phase: L) -> [L; 3] {
-        let (v, w) = (self.velocity(), self.angular_velocity());
+        let (v, w) = (self.velocity, self.angular_velocity);
         let center = self.center(phase);
         let turning = cross(triple!(i => phase.lit(w[i])), triple!(i => p[i] - center[i]));
         triple!(i => phase.lit(v[i]) + turning[i])
@@ -219,5 +230,9 @@ mod tests {
         let difference = (there(0.5 + h) - there(0.5 - h)) / (2.0 * h * 0.3);
         let velocity = DVec3::from_array(span.velocity_at(there(0.5).to_array(), 0.5));
         assert!((difference - velocity).length() < 1e-6, "{difference} {velocity}");
+        let [instant, short] = [0.0, 1e-4].map(|duration| motion(true).span(center, 0.5, duration));
+        let p = [0.9, -0.3, 0.2];
+        let [a, b] = [instant, short].map(|span| DVec3::from_array(span.velocity_at(p, 0.0)));
+        assert!(a.length() > 1.0 && (a - b).length() < 1e-3, "at an instant: {a} {b}");
     }
 }

@@ -28,15 +28,6 @@ impl Sdf {
         }
     }
 
-    /// Signed distance [m] with its gradient.
-    #[inline(always)]
-    pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
-        match self {
-            Self::Primitive(primitive) => primitive.distance(Jet::point(p)).scalar(),
-            Self::Mesh(mesh) => mesh.at(p),
-        }
-    }
-
     /// A box that holds the solid, or `None` where it has no end.
     pub fn bounds(&self) -> Option<Aabb> {
         match self {
@@ -97,16 +88,37 @@ impl PlacedSdf {
     }
 
     /// Signed distance [m] of a world-space point, negative inside.
-    #[inline(always)]
+    #[inline(never)]
     pub fn distance<L: Lane>(&self, p: [L; 3]) -> L {
+        p[0].outlined(
+            #[inline(always)]
+            || self.distance_here(p),
+        )
+    }
+
+    #[inline(always)]
+    fn distance_here<L: Lane>(&self, p: [L; 3]) -> L {
         let scale = p[0].lit(f64::from(self.placement.scale));
         self.sdf.distance(self.to_local(p)) * scale
     }
 
     /// Signed distance [m] of a world-space point with its gradient (outward, of length 1 for primitives).
-    #[inline(always)]
+    #[inline(never)]
     pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
-        let local = self.sdf.at(self.to_local(p));
+        p[0].outlined(
+            #[inline(always)]
+            || self.at_here(p),
+        )
+    }
+
+    #[inline(always)]
+    fn at_here<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+        let mesh = match &self.sdf {
+            // The Hessian comes along for nothing, which costs less than a second copy of all formulas.
+            Sdf::Primitive(_) => return self.primitive_jet(p).scalar(),
+            Sdf::Mesh(mesh) => mesh,
+        };
+        let local = mesh.at(self.to_local(p));
         let value = local.value * p[0].lit(f64::from(self.placement.scale));
         if !self.is_turned {
             return Scalar { value, gradient: local.gradient };
@@ -118,7 +130,20 @@ impl PlacedSdf {
     /// As [`PlacedSdf::at`] with the Hessian [1/m]; `None` for a sampled distance, whose curvature is not the solid's.
     #[inline(always)]
     pub fn jet<L: Lane>(&self, p: [L; 3]) -> Option<Jet<L>> {
-        let Sdf::Primitive(primitive) = &self.sdf else { return None };
+        matches!(self.sdf, Sdf::Primitive(_)).then(|| self.primitive_jet(p))
+    }
+
+    #[inline(never)]
+    fn primitive_jet<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
+        p[0].outlined(
+            #[inline(always)]
+            || self.primitive_jet_here(p),
+        )
+    }
+
+    #[inline(always)]
+    fn primitive_jet_here<L: Lane>(&self, p: [L; 3]) -> Jet<L> {
+        let Sdf::Primitive(primitive) = &self.sdf else { return Jet::constant(p[0].lit(f64::NAN)) };
         let local = primitive.distance(Jet::point(self.to_local(p)));
         let scale = p[0].lit(f64::from(self.placement.scale));
         let inverse = p[0].lit(1.0 / f64::from(self.placement.scale));
@@ -126,14 +151,14 @@ impl PlacedSdf {
         let [xx, yy, zz, xy, xz, yz] = local.hessian;
         let h = [xx * inverse, yy * inverse, zz * inverse, xy * inverse, xz * inverse, yz * inverse];
         if !self.is_turned {
-            return Some(Jet { value, gradient: g, hessian: h });
+            return Jet { value, gradient: g, hessian: h };
         }
         let rows: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation.col(j)[i])));
         // R H Rᵀ, row by row.
         let second = [[h[0], h[3], h[4]], [h[3], h[1], h[5]], [h[4], h[5], h[2]]];
         let half: [[L; 3]; 3] = triple!(i => triple!(j => dot(rows[i], second[j])));
         let gradient = triple!(i => dot(rows[i], g));
-        Some(Jet {
+        Jet {
             value,
             gradient,
             hessian: [
@@ -144,7 +169,7 @@ impl PlacedSdf {
                 dot(half[0], rows[2]),
                 dot(half[1], rows[2]),
             ],
-        })
+        }
     }
 
     /// A world-space point in the solid's own space.

@@ -4,7 +4,7 @@
 //! very same as in a lane of sixteen; the tail of an array is padded, never computed by other means.
 
 use crate::math::real::{Lane, MAX_WIDTH, Real, Word};
-use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdFrom};
+use fearless_simd::{Bytes, Level, Select, Simd, SimdBase, SimdFloat, SimdFrom};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 type FloatBits<S> = <<S as Simd>::f32s as SimdFloat<S>>::Bits;
@@ -239,7 +239,8 @@ impl<S: Simd> Lane for Lanes<S> {
     }
     #[inline(always)]
     fn to_word(self) -> WordLanes<S> {
-        let bits = (self + self.lit(INTEGER_IN_MANTISSA)).values.to_bits();
+        // `bitcast` and not `to_bits`, which leaves a call.
+        let bits: FloatBits<S> = (self + self.lit(INTEGER_IN_MANTISSA)).values.bitcast();
         let words = WordLanes { simd: self.simd, values: bits };
         words.add(words.lit((INTEGER_IN_MANTISSA as f32).to_bits().wrapping_neg()))
     }
@@ -247,12 +248,15 @@ impl<S: Simd> Lane for Lanes<S> {
     fn unit8(self, word: WordLanes<S>) -> Self {
         let mantissa = word.and(word.lit(0xFF)).shl(15);
         let bits = mantissa.add(word.lit(ONE_BITS));
-        self.wrap(S::f32s::from_bits(bits.values)) - self.lit(511.0 / 512.0)
+        self.wrap(bits.values.bitcast()) - self.lit(511.0 / 512.0)
     }
     #[inline(always)]
     fn negate_by_top_bit(self, word: WordLanes<S>) -> Self {
         let sign = word.and(word.lit(0x8000_0000));
-        self.wrap(S::f32s::from_bits(self.values.to_bits() ^ sign.values))
+        {
+            let bits: FloatBits<S> = self.values.bitcast();
+            self.wrap((bits ^ sign.values).bitcast())
+        }
     }
     #[inline(always)]
     fn any_lt(self, bound: Self) -> bool {

@@ -25,10 +25,12 @@ pub trait Real:
     /// `then` where `self < bound`, `otherwise` elsewhere.
     fn select_lt(self, bound: Self, then: Self, otherwise: Self) -> Self;
     /// `self` cut to `[low, high]`.
+    #[inline(always)]
     fn clamp(self, low: Self, high: Self) -> Self {
         self.max(low).min(high)
     }
     /// `self²`.
+    #[inline(always)]
     fn squared(self) -> Self {
         self * self
     }
