@@ -148,7 +148,7 @@ fn check_pixels(name: &str, film: &Film, expected: impl Fn(usize) -> f64) {
 /// The furnace of the tests below, seen by the whole picture.
 const FURNACE: &str = "
 camera: {position: [0, 0, 3], look_at: [0, 0, 0]}
-film: {resolution: [32, 24], spp: 2048}
+film: {resolution: [32, 24], spp: 1024}
 render: {max_bounces: 100000}
 shapes:
   ball: {sphere: {center: [0.2, 0, 0], radius: 0.3}, material: {diffuse: {reflectance: [1, 1, 1]}}}
