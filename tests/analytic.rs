@@ -112,34 +112,43 @@ lights: [{{environment: {{radiance: [1, 1, 1]}}}}]
     }
 }
 
-/// Demands that every pixel is what it should be within its noise, and the picture as a whole within that of its mean.
+/// Demands that a picture is what it should be within its noise: nearly every pixel, every block of 8 × 8, and the whole.
 ///
-/// A pixel's variance is an upper bound, as samples are stratified; the whole is measured by the spread between pixels.
+/// Tails are heavy where few paths meet smoke: a pixel that has not yet had a rare path underrates its noise, so a few
+/// pixels in a thousand may fail, as in `compare --mode stat`. A pixel's variance is an upper bound, as samples are
+/// stratified; the whole is measured by the spread between pixels.
 fn check_pixels(name: &str, film: &Film, expected: impl Fn(usize) -> f64) {
-    let n = film.pixels.len();
-    let limit = -normal_quantile(0.5 * sidak(0.001, n));
-    // Differences as they are: in units of its own noise, which a pixel's luck lowers with its mean, they would be off.
-    let (mut differences, mut worst) = (Moments::default(), 0.0f64);
+    const BLOCK: usize = 8;
+    let (width, n) = (film.bounds.width() as usize, film.pixels.len());
+    let mut blocks = vec![(0.0, 0.0); n / (BLOCK * BLOCK)];
+    let (mut differences, mut scores) = (Moments::default(), Vec::new());
     for (i, pixel) in film.pixels.iter().enumerate() {
-        let (difference, deviation) = (f64::from(pixel.mean.x) - expected(i), f64::from(pixel.variance.x).sqrt());
-        if deviation > 0.0 {
-            differences.push(difference);
-            worst = worst.max(difference.abs() / deviation);
-        } else {
+        let (difference, variance) = (f64::from(pixel.mean.x) - expected(i), f64::from(pixel.variance.x));
+        if variance == 0.0 {
             // Without noise only rounding is left.
             assert!(difference.abs() <= 1e-5 * expected(i), "{name}, pixel {i}: {difference}");
+            continue;
         }
+        // In units as they are: in those of its own noise, which a pixel's luck lowers with its mean, they would be off.
+        differences.push(difference);
+        scores.push(difference.abs() / variance.sqrt());
+        let block = &mut blocks[i / width / BLOCK * (width / BLOCK) + i % width / BLOCK];
+        *block = (block.0 + difference, block.1 + variance);
     }
+    let limit = |tests: usize| -normal_quantile(0.5 * sidak(0.001, tests));
+    let failed = scores.iter().filter(|score| **score > limit(n)).count();
+    let noisy = blocks.iter().filter(|block| block.1 > 0.0);
+    let worst = noisy.map(|block| block.0.abs() / block.1.sqrt()).fold(0.0, f64::max);
     let whole = differences.mean() / differences.variance_of_mean().sqrt();
-    let found =
-        format!("worst z {worst:.2} of {limit:.2} allowed, whole picture {whole:+.2} ({:+.2e})", differences.mean());
-    assert!(differences.count() > n as u64 / 4 && worst < limit && whole.abs() < 3.3, "{name}: {found}");
+    let found = format!("{failed} pixels, worst block {worst:.2}, whole {whole:+.2} ({:+.2e})", differences.mean());
+    assert!(scores.len() > n / 4 && failed * 400 <= n, "{name}: {found}");
+    assert!(worst < limit(blocks.len()) && whole.abs() < 3.3, "{name}: {found}");
 }
 
 /// The furnace of the tests below, seen by the whole picture.
 const FURNACE: &str = "
 camera: {position: [0, 0, 3], look_at: [0, 0, 0]}
-film: {resolution: [32, 24], spp: 2048}
+film: {resolution: [32, 24], spp: 1024}
 render: {max_bounces: 100000}
 shapes:
   ball: {sphere: {center: [0.2, 0, 0], radius: 0.3}, material: {diffuse: {reflectance: [1, 1, 1]}}}
