@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery refs bench
+.PHONY: plume test gallery flow-pictures refs bench
 
 plume:
 	./bootstrap.sh
@@ -22,6 +22,15 @@ gallery:
 	cp out/plume.0012.png docs/gallery/plume.png
 	cp out/ring.0001.png docs/gallery/ring.png
 	cp out/cloud.0001.png docs/gallery/cloud.png
+
+# The pictures of docs/flow.md.
+flow-pictures:
+	./bootstrap.sh
+	mkdir -p docs/flow
+	for scene in scenes/flow/*.yaml; do \
+		$(CURLSMOKE) flow slice $$scene -o out/flow/$$(basename $$scene .yaml).png || exit 1; \
+	done
+	cp out/flow/*.png docs/flow/
 
 # Remakes the references of the image tests: make refs REASON="what changed, and why the pictures should"
 refs:
