@@ -2,8 +2,7 @@
 //!
 //! `make refs REASON="…"` remakes the references; a picture that fails is kept in `tests/failed/` with a map of where.
 
-use curlsmoke::flow::VelocityField;
-use curlsmoke::flow::build::NoFiles;
+use curlsmoke::flow::{NoFiles, VelocityField};
 use curlsmoke::geometry::Geometry;
 use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
 use curlsmoke::math::hash::Seed;

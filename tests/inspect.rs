@@ -1,7 +1,6 @@
 //! `curlsmoke flow slice` and `curlsmoke streamlines` as people run them, and their numbers against the field.
 
-use curlsmoke::flow::VelocityField;
-use curlsmoke::flow::build::NoFiles;
+use curlsmoke::flow::{NoFiles, VelocityField};
 use curlsmoke::geometry::Geometry;
 use curlsmoke::output::exr;
 use curlsmoke::output::image::{Attribute, Image};

@@ -227,7 +227,7 @@ fn bytes_per_step(flow: &settings::Flow) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::build::NoFiles;
+    use crate::flow::NoFiles;
     use crate::inspect::probe::Flow;
     use crate::progress::Silent;
     use std::path::Path;

@@ -1,7 +1,7 @@
 //! Reads the pictures and grids that masks of the flow are made of.
 
-use crate::flow::build::{MaskFiles, MaskSamples};
 use crate::flow::mask::Block;
+use crate::flow::{MaskFiles, MaskSamples};
 use crate::grid::{BRICK_EDGE, DensityGrid, local_voxel, vdb};
 use crate::math::lattice::Lattice;
 use crate::output;

@@ -1,6 +1,6 @@
 //! Settings of `flow`: what moves the particles.
 
-use super::{Rgb, Vec3, up};
+use crate::scene::settings::{Rgb, Vec3, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -265,7 +265,7 @@ pub struct VortexCurve {
     /// Points of the line at time 0 [m]; at least two.
     pub points: Vec<Vec3>,
     /// From point to point in straight lines, or along a smooth curve through all. Default true: smooth.
-    #[serde(default = "super::yes")]
+    #[serde(default = "crate::scene::settings::yes")]
     pub smooth: bool,
     /// Whether it goes on from the last point to the first. Default false.
     #[serde(default)]
@@ -392,7 +392,7 @@ pub struct NoiseMask {
     #[serde(default)]
     pub low: f64,
     /// Largest value. Default 1.
-    #[serde(default = "super::one")]
+    #[serde(default = "crate::scene::settings::one")]
     pub high: f64,
     /// Which of the many patterns. Default 0; mixed with `render.seed`.
     #[serde(default)]
@@ -427,9 +427,9 @@ pub struct GridMask {
     /// A .vdb file; relative to the scene file.
     pub file: String,
     /// Name of its grid. Default density.
-    #[serde(default = "super::density_name")]
+    #[serde(default = "crate::scene::settings::density_name")]
     pub grid: String,
     /// Factor on its values. Default 1.
-    #[serde(default = "super::one")]
+    #[serde(default = "crate::scene::settings::one")]
     pub scale: f64,
 }
