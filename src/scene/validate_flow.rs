@@ -173,7 +173,7 @@ impl Check<'_, '_, '_> {
                 self.file(&format!("{key}.image.file"), &mask.file, &["exr", "hdr"]);
                 let (u, v): (Vec3, Vec3) = (mask.half_u, mask.half_v);
                 let cosine = (0..3).map(|i| u[i] * v[i]).sum::<f64>() / (length(u) * length(v));
-                if !(cosine.abs() < 1e-6) {
+                if cosine.is_nan() || cosine.abs() >= 1e-6 {
                     let message = "`half_u` and `half_v` must be at a right angle, and neither of length 0";
                     self.error(&format!("{key}.image.half_v"), &format!("{key}.image"), message);
                 }
