@@ -12,9 +12,9 @@ use crate::output::OutputError;
 use crate::output::frames::FramesError;
 use crate::particles::ParticlesError;
 use crate::render::RenderError;
-use crate::scene::SceneError;
 use crate::scene::diagnostic::Fault;
 use crate::scene::pattern::PatternError;
+use crate::scene::{PlaceInScene, SceneError};
 
 /// Why a command ended early.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +46,16 @@ pub enum Error {
     /// Looking at the flow.
     #[error(transparent)]
     Inspect(#[from] InspectError),
+    /// What a stage met, with where the scene says so.
+    #[error("{place}{}{source}", frame.map(|f| format!("frame {f}: ")).unwrap_or_default())]
+    InScene {
+        /// Where in the scene.
+        place: Box<PlaceInScene>,
+        /// At which frame, where that matters.
+        frame: Option<i32>,
+        /// What happened.
+        source: Box<Error>,
+    },
     /// Lists of frames.
     #[error(transparent)]
     Frames(#[from] FramesError),
@@ -92,6 +102,7 @@ impl Error {
             Error::Render(RenderError::Geometry(e)) => geometry_exit_code(e),
             Error::Render(_) | Error::Cancelled | Error::Internal(_) => 1,
             Error::Output(e) => output_exit_code(e),
+            Error::InScene { source, .. } => source.exit_code(),
             Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
             Error::Inspect(_) => 3,
             Error::Frames(_) | Error::Usage(_) => 2,
@@ -101,6 +112,7 @@ impl Error {
 
     /// Whether the command ended because the caller asked it to.
     pub fn is_cancelled(&self) -> bool {
+        // Stopping is no matter of any place in the scene, so it is never wrapped.
         matches!(
             self,
             Error::Cancelled

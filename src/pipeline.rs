@@ -1,31 +1,30 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
+mod fingerprint;
 mod mask_files;
+mod smoke;
 
 use crate::error::Error;
 use crate::flow::VelocityField;
-use crate::flow::field::FieldSpan;
 use crate::geometry::{Geometry, GeometryError};
-use crate::grid::soft::ObstacleDistance;
-use crate::grid::splat::{SplatInput, SplatSettings, splat};
-use crate::grid::{DensityGrid, vdb};
+use crate::grid::vdb;
 use crate::inspect::Inspection;
 use crate::output::film_image::{Layers, Origin, image_of_film};
 use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
-use crate::output::sidecar::{self, MassFigures, Sidecar, sidecar_path};
+use crate::output::sidecar::{self, Sidecar, sidecar_path};
 use crate::output::{self, OutputError, exr, file, png};
-use crate::particles::ParticleSystem;
+use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::mask_files::SceneFiles;
+use crate::pipeline::smoke::SmokeSource;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::environment::RadiancePicture;
 use crate::render::film::{Film, PixelBounds};
 use crate::render::integrator::World;
-use crate::render::{self, RenderError, tiles};
+use crate::render::{self, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, footprint, settings};
-use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -64,10 +63,12 @@ pub fn render(
 ) -> Result<(), Error> {
     let files = OutputFiles::new(scene)?;
     check_distinct(&job.frames, |frame| files.image(frame))?;
-    for &frame in job.frames.first().into_iter().chain(job.frames.last()) {
-        let written = files.of_frame(frame);
-        written.iter().chain([&sidecar_path(&written[0])]).try_for_each(|path| file::check_writable(path))?;
-    }
+    let all_files = job.frames.iter().map(|&frame| {
+        let files = files.of_frame(frame);
+        let sidecar = sidecar_path(&files[0]);
+        files.into_iter().chain([sidecar])
+    });
+    check_writable(all_files)?;
     let inputs = InputHash::new(scene, job.crop)?;
     let mut studio: Option<Studio> = None;
     for (index, &frame) in job.frames.iter().enumerate() {
@@ -96,6 +97,15 @@ pub fn render(
     Ok(())
 }
 
+/// The light of one frame: what [`render`] writes, for whoever goes on with it in memory.
+///
+/// # Errors
+/// The first that any stage meets.
+pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn Progress) -> Result<Film, Error> {
+    let mut record = Sidecar::default();
+    Studio::build(scene, progress, &mut record)?.take_picture(scene, frame, crop, progress, &mut record)
+}
+
 /// What to bake.
 #[derive(Debug, Clone)]
 pub struct BakeJob<'a> {
@@ -120,9 +130,7 @@ pub fn bake(
     let pattern = parse_pattern(job.volume.unwrap_or(&scene.settings.output.volume))?;
     let file_of = |frame: i32| PathBuf::from(pattern.expand(frame, scene.name()));
     check_distinct(&job.frames, file_of)?;
-    for &frame in job.frames.first().into_iter().chain(job.frames.last()) {
-        file::check_writable(&file_of(frame))?;
-    }
+    check_writable(job.frames.iter().map(|&frame| [file_of(frame)]))?;
     let settings = vdb::VdbWriteSettings { is_half: job.half, ..Default::default() };
     let geometry = build_geometry(scene, progress)?;
     let mut smoke = SmokeSource::build(scene, &geometry)?;
@@ -149,7 +157,7 @@ const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
 /// Where a mesh or the file of a mask is missing, faulty or too large.
 pub fn inspection(scene: &Scene, frame: i32) -> Result<Inspection, Error> {
     let geometry = Geometry::build(scene, &Silent)?;
-    let field = VelocityField::build(scene, &geometry, &SceneFiles { memory_limit: memory_limit(scene) })?;
+    let field = build_field(scene, &geometry)?;
     Ok(Inspection::build(scene, frame, geometry, field))
 }
 
@@ -180,7 +188,13 @@ impl Studio {
         record: &mut Sidecar,
     ) -> Result<Film, Error> {
         let grid = self.smoke.grid(scene, frame, progress, record)?;
-        let medium = grid.map(|grid| render::build_medium(scene, grid)).transpose()?.flatten();
+        let start = Instant::now();
+        let medium = grid
+            .map(|grid| render::build_medium(scene, grid))
+            .transpose()
+            .map_err(|e| in_scene(scene, "smoke.medium.extinction", Some(frame), e))?
+            .flatten();
+        record.add_time(Stage::Grid, start.elapsed());
         let view = render::build_view(scene, frame, crop);
         let moved;
         let world = match &self.world {
@@ -217,8 +231,23 @@ fn time_of(scene: &Scene, frame: i32) -> f64 {
     (f64::from(frame) - f64::from(frames.first)) / frames.fps
 }
 
-fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, RenderError> {
+fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, Error> {
     render::build_world(scene, geometry, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
+        .map_err(|e| in_scene(scene, "lights", None, e))
+}
+
+fn build_field(scene: &Scene, geometry: &Geometry) -> Result<VelocityField, Error> {
+    VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })
+        .map_err(|e| in_scene(scene, "flow.potentials", None, e))
+}
+
+/// An error with the place in the scene, and the frame, that it comes from.
+fn in_scene(scene: &Scene, key: &str, frame: Option<i32>, error: impl Into<Error>) -> Error {
+    let error = error.into();
+    if error.is_cancelled() {
+        return error;
+    }
+    Error::InScene { place: Box::new(scene.place(key)), frame, source: Box::new(error) }
 }
 
 /// Builds the shapes, which say themselves when the stage begins and ends.
@@ -228,89 +257,20 @@ fn build_geometry(scene: &Scene, progress: &dyn Progress) -> Result<Geometry, Ge
     Ok(geometry)
 }
 
-/// Where the density of a frame comes from.
-enum SmokeSource {
-    None,
-    Particles { system: Box<ParticleSystem>, splat: SplatSettings },
-    File { pattern: Pattern, grid_name: String },
-}
-
-impl SmokeSource {
-    fn build(scene: &Scene, geometry: &Geometry) -> Result<Self, Error> {
-        let Some(smoke) = &scene.settings.smoke else { return Ok(Self::None) };
-        if let Some(density) = &smoke.file {
-            let pattern = parse_pattern(&density.path)?;
-            return Ok(Self::File { pattern, grid_name: density.density.clone() });
-        }
-        let Some(grid) = &smoke.grid else { return Ok(Self::None) };
-        let frames = &scene.settings.frames;
-        let splat = SplatSettings {
-            voxel_size: grid.voxel_size as f32,
-            shutter_seconds: frames.shutter.map(|s| s / frames.fps),
-            soft_radius: grid.soft_radius,
-            memory_limit_bytes: grid_memory_limit(scene, 0),
-        };
-        let field = VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })?;
-        Ok(Self::Particles { system: Box::new(ParticleSystem::build(scene, geometry, field)?), splat })
+/// Makes sure that a sequence can be written, from the files of each frame: the first and the last are tried, and none
+/// may be the name of a folder.
+fn check_writable<F>(frames: impl ExactSizeIterator<Item = F>) -> Result<(), OutputError>
+where
+    F: IntoIterator<Item = PathBuf>,
+{
+    let last = frames.len().saturating_sub(1);
+    for (i, files) in frames.enumerate() {
+        let is_tried = i == 0 || i == last;
+        files
+            .into_iter()
+            .try_for_each(|path| if is_tried { file::check_writable(&path) } else { file::check_no_folder(&path) })?;
     }
-
-    fn grid(
-        &mut self,
-        scene: &Scene,
-        frame: i32,
-        progress: &dyn Progress,
-        record: &mut Sidecar,
-    ) -> Result<Option<DensityGrid>, Error> {
-        let grid = match self {
-            Self::None => return Ok(None),
-            Self::Particles { system, splat: settings } => {
-                let before = [system.penetrations(), system.born_inside()];
-                let start = Instant::now();
-                system.at_frame(frame, progress)?;
-                let particles = system.particles();
-                record.add_time(Stage::Advect, start.elapsed());
-                record.particles = particles.mass.len() as u64;
-                let walls = FlowObstacles(system.field().span(time_of(scene, frame), 0.0));
-                let has_walls = !system.field().obstacles().is_empty();
-                let input = SplatInput {
-                    position: particles.position.each_ref().map(Vec::as_slice),
-                    velocity: particles.velocity.each_ref().map(Vec::as_slice),
-                    mass: &particles.mass,
-                    radius: &particles.radius,
-                    obstacles: has_walls.then_some(&walls),
-                };
-                let count = particles.mass.len();
-                let settings = SplatSettings { memory_limit_bytes: grid_memory_limit(scene, count), ..*settings };
-                let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, &settings))?;
-                let m = splat.mass;
-                record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
-                record.penetrations = system.penetrations() - before[0];
-                record.born_inside = system.born_inside() - before[1];
-                splat.grid
-            }
-            Self::File { pattern, grid_name } => {
-                let path = scene.resolve(&pattern.expand(frame, scene.name()));
-                timed(progress, Stage::Grid, record, 0, || {
-                    vdb::read_float_grid(&path, grid_name, grid_memory_limit(scene, 0))
-                })?
-            }
-        };
-        record.grid.active_voxels = grid.active_voxel_count();
-        record.grid.bytes = grid.memory_bytes();
-        Ok(Some(grid))
-    }
-}
-
-/// The obstacles of the flow as splatting asks for them: the one place where the two meet.
-#[derive(Debug)]
-struct FlowObstacles<'a>(FieldSpan<'a>);
-
-impl ObstacleDistance for FlowObstacles<'_> {
-    fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
-        for (point, distance) in points.iter().zip(distances) {
-            *distance = self.0.distance(point.to_array(), 0.0);
-        }
-    }
+    Ok(())
 }
 
 /// Names of a sequence's files.
@@ -390,61 +350,6 @@ fn write_frame(
 fn encode_preview(film: &Film, output: &settings::Output) -> Result<Vec<u8>, OutputError> {
     let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
     png::encode(&rgb, [film.bounds.width(), film.bounds.height()], output.view.into(), output.exposure_ev)
-}
-
-/// Hash of everything that all frames depend on.
-struct InputHash {
-    settings: Vec<u8>,
-    files: String,
-}
-
-impl InputHash {
-    fn new(scene: &Scene, crop: Option<PixelBounds>) -> Result<Self, Error> {
-        let mut settings = scene.settings.clone();
-        // What changes no pixel of a frame must not make it stale.
-        settings.frames.last = settings.frames.first;
-        settings.output.image.clear();
-        settings.output.volume.clear();
-        // That there is a preview matters, its name does not.
-        settings.output.preview = settings.output.preview.map(|_| String::new());
-        settings.render.memory_limit_gib = 0.0;
-        let mut files = Vec::new();
-        for shape in settings.shapes.values() {
-            files.extend(shape.mesh.as_ref().map(|m| scene.resolve(&m.file)));
-        }
-        for light in &settings.lights {
-            if let settings::Light::Environment(e) = light {
-                files.extend(e.file.as_ref().map(|f| scene.resolve(f)));
-            }
-        }
-        for mask in settings.flow.potentials.iter().flat_map(settings::Potential::masks) {
-            match mask {
-                settings::Mask::Image(mask) => files.push(scene.resolve(&mask.file)),
-                settings::Mask::Grid(mask) => files.push(scene.resolve(&mask.file)),
-                _ => {}
-            }
-        }
-        let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;
-        let mut text = serde_json::to_vec(&settings).map_err(|e| Error::Internal(e.to_string()))?;
-        text.extend(format!("{crop:?}").bytes());
-        Ok(Self { settings: text, files: hashes.concat() })
-    }
-
-    fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
-        let mut volume = String::new();
-        if let Some(density) = scene.settings.smoke.as_ref().and_then(|s| s.file.as_ref()) {
-            let path = scene.resolve(&parse_pattern(&density.path)?.expand(frame, scene.name()));
-            volume = file_hash(&path)?;
-        }
-        let version = env!("CARGO_PKG_VERSION");
-        let parts =
-            [version.as_bytes(), &self.settings, self.files.as_bytes(), volume.as_bytes(), &frame.to_le_bytes()];
-        Ok(sidecar::fingerprint(&parts))
-    }
-}
-
-fn file_hash(path: &Path) -> Result<String, Error> {
-    Ok(sidecar::sha256_of_file(path)?)
 }
 
 fn parse_pattern(text: &str) -> Result<Pattern, Error> {

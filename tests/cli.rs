@@ -110,10 +110,11 @@ fn a_reader_that_goes_away_is_a_quiet_success_and_a_full_disk_is_not() {
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(0), &b""[..]));
-    if let Ok(full) = fs::OpenOptions::new().write(true).open("/dev/full") {
+    for arguments in [["schema"], ["--help"]] {
+        let Ok(full) = fs::OpenOptions::new().write(true).open("/dev/full") else { continue };
         let output = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
             .current_dir(folder.0.path())
-            .arg("schema")
+            .args(arguments)
             .stdout(full)
             .output()
             .unwrap();

@@ -6,6 +6,7 @@ mod program;
 use curlsmoke::math::hash::Seed;
 use curlsmoke::output::exr;
 use curlsmoke::output::sidecar::{Sidecar, is_complete};
+use curlsmoke::progress::Stage;
 use program::{BALL, Folder, SMOKE, contains};
 use std::fs;
 use std::path::Path;
@@ -139,6 +140,16 @@ fn a_place_that_cannot_be_written_is_known_before_rendering() {
     let image = ["--set", "output.image=free/ball.####.exr", "--set", "output.preview=busy/ball.####.png"];
     let [_, err] = folder.expect(5, &[&["render", "ball.yaml", "--spp", "1000000"], &image[..]].concat());
     contains(&err, &["busy", "cannot be written"]);
+    for name in ["x".repeat(300), "a\\0b".into()] {
+        let set = format!("output.image=\"free/{name}.####.exr\"");
+        let preview = "output.preview=free/ball.####.png";
+        let [_, err] = folder.expect(5, &["render", "ball.yaml", "--spp", "1000000", "--set", &set, "--set", preview]);
+        contains(&err, &["free/", "cannot be written"]);
+    }
+    fs::create_dir_all(folder.path("free/ball.0002.exr")).unwrap();
+    let image = ["--set", image[1], "--set", "output.preview=free/ball.####.png"];
+    let [_, err] = folder.expect(5, &[&["render", "ball.yaml", "--spp", "1000000"], &image[..]].concat());
+    contains(&err, &["free/ball.0002.exr", "it is a folder"]);
     folder.write("smoke.yaml", SMOKE);
     let [_, err] = folder.expect(5, &["bake", "smoke.yaml", "--output", "busy/a.####.vdb", "--progress", "json"]);
     contains(&err, &["busy", "cannot be written"]);
@@ -164,13 +175,27 @@ fn the_densest_smoke_ends_and_heeds_signals() {
     contains(&err, &["smoke.medium.extinction", "at most 1e20", "lower"]);
     // A single pixel of which would take hours.
     let long = ["render", "smoke.yaml", "--frames", "1", "--spp", "16777216", "--threads", "1", "--progress", "json"];
-    let code = stopped_by(&folder, &long, "TERM");
-    assert_eq!(code, Some(143));
+    let (code, last) = stopped_in(Stage::Render, &folder, &long, "TERM");
+    assert!(code == Some(143) && last.contains(r#""event":"failed""#), "{code:?} {last}");
 }
 
-/// Runs until rendering begins, sends a signal, and waits; the exit code.
+#[test]
 #[cfg(unix)]
-fn stopped_by(folder: &Folder, arguments: &[&str], signal: &str) -> Option<i32> {
+fn work_that_does_not_look_up_is_stopped_by_time() {
+    let folder = Folder::new();
+    folder.write("tetrahedron.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+    let shapes = "shapes:\n  left: {mesh: {file: tetrahedron.obj, distance_voxel: 0.003}}\n";
+    folder.write(
+        "fine.yaml",
+        &SMOKE.replace("shapes:\n  left: {sphere: {center: [-0.65, 0.5, 0], radius: 0.3}}\n", shapes),
+    );
+    let (code, last) = stopped_in(Stage::Geometry, &folder, &["render", "fine.yaml", "--progress", "json"], "INT");
+    assert!(code == Some(130) && last.contains("stopped; finished frames are whole"), "{code:?} {last}");
+}
+
+/// Runs until a stage begins, sends a signal, and waits; the exit code, and what was said after the signal.
+#[cfg(unix)]
+fn stopped_in(stage: Stage, folder: &Folder, arguments: &[&str], signal: &str) -> (Option<i32>, String) {
     use std::io::{BufRead, BufReader};
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_curlsmoke"))
         .current_dir(folder.0.path())
@@ -180,15 +205,15 @@ fn stopped_by(folder: &Folder, arguments: &[&str], signal: &str) -> Option<i32> 
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
-    assert!(lines.any(|line| line.contains(r#""stage":"render""#)));
+    let begins = format!(r#""stage":"{}""#, stage.name());
+    assert!(lines.any(|line| line.contains(&begins)));
     let start = Instant::now();
     let kill = std::process::Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
     assert!(kill.unwrap().success());
     let last: Vec<String> = lines.collect();
-    assert!(last.iter().any(|line| line.contains(r#""event":"failed""#)), "{last:?}");
     let code = child.wait().unwrap().code();
     assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
-    code
+    (code, last.join("\n"))
 }
 
 #[test]
@@ -197,7 +222,8 @@ fn a_signal_stops_the_work_with_its_own_code_and_leaves_no_part_of_a_frame() {
     let folder = Folder::new();
     for (signal, code) in [("TERM", 143), ("INT", 130)] {
         let arguments = ["render", "ball.yaml", "--spp", "200000", "--progress", "json"];
-        assert_eq!(stopped_by(&folder, &arguments, signal), Some(code));
+        let (found, last) = stopped_in(Stage::Render, &folder, &arguments, signal);
+        assert!(found == Some(code) && last.contains(r#""event":"failed""#), "{found:?} {last}");
         assert!(folder.files("out").is_empty(), "{:?}", folder.files("out"));
     }
 }

@@ -2,19 +2,15 @@
 //!
 //! `make refs REASON="…"` remakes the references; a picture that fails is kept in `tests/failed/` with a map of where.
 
-use curlsmoke::flow::{NoFiles, VelocityField};
-use curlsmoke::geometry::Geometry;
-use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
-use curlsmoke::math::hash::Seed;
 use curlsmoke::output::agreement::StatisticalSettings;
 use curlsmoke::output::compare::{Mode, Report, compare};
 use curlsmoke::output::exr::{Compression, write};
 use curlsmoke::output::film_image::{Layers, Origin, image_of_film};
 use curlsmoke::output::image::{Attribute, Image, SampleKind};
 use curlsmoke::output::{file::write_atomic, heat_map, read_image};
-use curlsmoke::particles::ParticleSystem;
+use curlsmoke::pipeline;
 use curlsmoke::progress::Silent;
-use curlsmoke::render::{self, tiles};
+use curlsmoke::render;
 use curlsmoke::scene::Scene;
 use std::path::{Path, PathBuf};
 
@@ -24,40 +20,21 @@ const REFERENCE_SPP: u32 = 2048;
 const REFERENCE_SEED: u64 = 1_000_003;
 const LIMIT: u64 = 1 << 30;
 
-/// Renders frame 1 of a test scene with its variance. The particles keep the scene's seed, the light takes `seed`.
+/// Frame 1 of a test scene as the program makes it, with its variance. The smoke is that of the scene's own seed, the
+/// light takes `seed`.
 fn picture(name: &str, spp: Option<u32>, seed: u64, overrides: &[(&str, &str)]) -> Image {
     let path = root().join(format!("scenes/tests/{name}.yaml"));
-    let overrides: Vec<(String, String)> = overrides.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let scene = Scene::load_with(&path, &overrides).unwrap_or_else(|e| panic!("{e}"));
-    let geometry = Geometry::build(&scene, &Silent).expect("geometry");
-    let world = render::build_world(&scene, &geometry, &|_| Err("no pictures here".into())).expect("world");
-    let medium = scene.settings.smoke.as_ref().and_then(|smoke| {
-        let field = VelocityField::build(&scene, &geometry, &NoFiles).expect("flow");
-        let mut system = ParticleSystem::build(&scene, &geometry, field).expect("particles");
-        let particles = system.at_frame(1, &Silent).expect("frame 1");
-        let input = SplatInput {
-            position: particles.position.each_ref().map(Vec::as_slice),
-            velocity: particles.velocity.each_ref().map(Vec::as_slice),
-            mass: &particles.mass,
-            radius: &particles.radius,
-            // The references are of light, not of walls; tests/grid.rs has those.
-            obstacles: None,
-        };
-        let frames = &scene.settings.frames;
-        let settings = SplatSettings {
-            voxel_size: smoke.grid.as_ref().expect("a grid").voxel_size as f32,
-            shutter_seconds: frames.shutter.map(|s| s / frames.fps),
-            soft_radius: None,
-            memory_limit_bytes: LIMIT,
-        };
-        render::build_medium(&scene, splat(&input, &settings).expect("grid").grid).expect("not too dense")
-    });
-    let mut view = render::build_view(&scene, 1, None);
-    view.seed = Seed(seed);
-    view.spp = spp.unwrap_or(view.spp);
-    let film = tiles::render(&view, &world, medium.as_ref(), &Silent).expect("renders");
-    let origin =
-        Origin { scene_hash: String::new(), seed, frame: 1, fps: 24.0, shutter: [0.0; 2], camera: view.camera };
+    let own = Scene::load(&path).unwrap_or_else(|e| panic!("{e}")).settings;
+    let mut all: Vec<(String, String)> = overrides.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    if own.smoke.is_some() {
+        all.push(("smoke.seed".into(), own.smoke_seed().to_string()));
+    }
+    all.push(("render.seed".into(), seed.to_string()));
+    all.push(("film.spp".into(), spp.unwrap_or(own.film.spp).to_string()));
+    let scene = Scene::load_with(&path, &all).unwrap_or_else(|e| panic!("{e}"));
+    let film = pipeline::film(&scene, 1, None, &Silent).unwrap_or_else(|e| panic!("{e}"));
+    let camera = render::build_view(&scene, 1, None).camera;
+    let origin = Origin { scene_hash: String::new(), seed, frame: 1, fps: 24.0, shutter: [0.0; 2], camera };
     image_of_film(&film, Layers { variance: true, ..Layers::default() }, SampleKind::Float, &origin)
 }
 
@@ -125,7 +102,7 @@ macro_rules! scenes {
     )* };
 }
 
-scenes!(thin, solids, ring_small, dense, inside, veil);
+scenes!(thin, solids, ring_small, dense, inside, veil, sky);
 
 /// Nothing to prove while references are being made.
 fn is_remaking() -> bool {

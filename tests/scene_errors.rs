@@ -167,7 +167,7 @@ fn overrides() {
     assert_eq!(scene.settings.shapes["ball"].sphere.as_ref().unwrap().radius, 0.25);
     assert!(scene.settings.render.lock_seed);
     assert_ne!(scene.text_hash, load(&[]).unwrap().text_hash);
-    assert!(scene.position_of("shapes.ball.sphere.radius").is_none());
+    assert!(scene.place("shapes.ball.sphere.radius").position.is_none());
     for (key, value, part) in [
         ("film.sp", "3", "unknown key `sp`"),
         ("film.spp", "many", "expected a whole number"),
@@ -192,7 +192,7 @@ fn positions_of_settings() {
     assert_eq!(scene.unwrap_err().fault(), Fault::MissingFile);
     let scene = Scene::from_text(VALID, Path::new("tests/invalid/valid.yaml")).unwrap();
     let line = VALID.lines().position(|l| l.contains("file: tetrahedron.obj")).unwrap() as u32 + 1;
-    assert_eq!(scene.position_of("shapes.solid.mesh.file").unwrap().line, line);
+    assert_eq!(scene.place("shapes.solid.mesh.file").position.unwrap().line, line);
     assert_eq!(scene.resolve("tetrahedron.obj"), Path::new("tests/invalid/tetrahedron.obj"));
 }
 

@@ -74,7 +74,7 @@ pub struct FrameArguments {
     /// Threads [default: one for each processor]; results never depend on it
     #[arg(short = 'j', long, value_name = "COUNT")]
     pub threads: Option<usize>,
-    /// Seed of all random numbers, instead of render.seed
+    /// Seed of the random numbers, instead of render.seed
     #[arg(long, value_name = "NUMBER")]
     pub seed: Option<u64>,
     /// Change a setting of the scene, as in --set camera.vertical_fov_deg=40
@@ -137,7 +137,7 @@ pub struct InspectArguments {
     /// Threads [default: one for each processor]; results never depend on it
     #[arg(short = 'j', long, value_name = "COUNT")]
     pub threads: Option<usize>,
-    /// Seed of all random numbers, instead of render.seed
+    /// Seed of the random numbers, instead of render.seed
     #[arg(long, value_name = "NUMBER")]
     pub seed: Option<u64>,
     /// Change a setting of the scene, as in --set render.seed=2

@@ -21,6 +21,9 @@ use crate::scene::SceneError;
 use clap::Parser;
 use std::io::{ErrorKind, Write};
 
+/// What is said when a signal has ended the work.
+const STOPPED: &str = "stopped; finished frames are whole, and --resume goes on from there";
+
 /// Exit code for pictures that differ.
 const DIFFERENT: u8 = 7;
 
@@ -29,9 +32,15 @@ pub fn run() -> u8 {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help that nobody reads to the end is no failure.
-            let _ = error.print();
-            return u8::try_from(error.exit_code()).unwrap_or(2);
+            return match error.print() {
+                Err(cause) if !error.use_stderr() && cause.kind() != ErrorKind::BrokenPipe => {
+                    let error = unprintable(cause);
+                    report(&error);
+                    error.exit_code()
+                }
+                // Help that nobody reads to the end is no failure.
+                _ => u8::try_from(error.exit_code()).unwrap_or(2),
+            };
         }
     };
     let result = match arguments.verb {
@@ -70,11 +79,13 @@ fn log(text: &str) {
 fn print_result(text: &str) -> Result<(), Error> {
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
-        Err(cause) if cause.kind() != ErrorKind::BrokenPipe => {
-            Err(OutputError::Unwritable { path: "standard output".into(), cause }.into())
-        }
+        Err(cause) if cause.kind() != ErrorKind::BrokenPipe => Err(unprintable(cause)),
         _ => Ok(()),
     }
+}
+
+fn unprintable(cause: std::io::Error) -> Error {
+    OutputError::Unwritable { path: "standard output".into(), cause }.into()
 }
 
 /// Prints the warnings of a scene, or the scene's errors are the command's.

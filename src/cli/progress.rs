@@ -151,6 +151,7 @@ impl Progress for Reporter {
     }
 
     fn begin(&self, stage: Stage, total: u64) {
+        self.signals.set_writing(stage == Stage::Write);
         let mut state = self.lock();
         state.stage = Some(stage);
         state.total = total;
@@ -173,6 +174,7 @@ impl Progress for Reporter {
     }
 
     fn end(&self, stage: Stage) {
+        self.signals.set_writing(false);
         let mut state = self.lock();
         let state = &mut *state;
         let seconds = state.stage_start.elapsed().as_secs_f64();

@@ -4,7 +4,7 @@ use crate::cli::args::RenderArguments;
 use crate::cli::frames::{frames, load_scene, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
-use crate::cli::{log, print_result, report};
+use crate::cli::{STOPPED, log, print_result, report};
 use crate::error::Error;
 use crate::output::frames::{check_distinct, spell};
 use crate::pipeline::{self, FrameOutcome, RenderJob};
@@ -50,7 +50,7 @@ pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: 
     reporter.finish(code, &message);
     if let Err(error) = &result {
         if error.is_cancelled() {
-            log("stopped; finished frames are whole, and --resume goes on from there");
+            log(STOPPED);
         } else {
             report(error);
         }

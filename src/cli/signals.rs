@@ -1,16 +1,24 @@
-//! The first Ctrl-C, TERM or HUP asks the work to stop at the next safe place; the second ends the program at once.
-//! Either way no file is left half written under its final name.
+//! The first Ctrl-C, TERM or HUP asks the work to stop at the next safe place; the second ends the program at once, and
+//! so does time where the work does not come to such a place soon. No file is ever left half written under its final
+//! name.
 
+use crate::cli::{STOPPED, log};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// What work is allowed to take until it stops by itself.
+const GRACE: Duration = Duration::from_secs(3);
 
 /// Which signal came, if any.
 #[derive(Debug, Clone, Default)]
 pub struct Signals {
     number: Arc<AtomicUsize>,
+    is_writing: Arc<AtomicBool>,
 }
 
 impl Signals {
@@ -27,6 +35,8 @@ impl Signals {
             flag::register(signal, Arc::clone(&again))?;
             flag::register_usize(signal, Arc::clone(&signals.number), signal as usize)?;
         }
+        let watched = signals.clone();
+        thread::Builder::new().name("signals".into()).spawn(move || watched.watch())?;
         Ok(signals)
     }
 
@@ -36,5 +46,26 @@ impl Signals {
             0 => None,
             number => u8::try_from(number).ok(),
         }
+    }
+
+    /// Files are being written, which no signal but the second cuts short.
+    pub fn set_writing(&self, is_writing: bool) {
+        self.is_writing.store(is_writing, Ordering::Relaxed);
+    }
+
+    /// Ends the program some time after a signal, should it still run.
+    fn watch(&self) {
+        let signal = loop {
+            match self.received() {
+                Some(signal) => break signal,
+                None => thread::sleep(Duration::from_millis(100)),
+            }
+        };
+        thread::sleep(GRACE);
+        while self.is_writing.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(100));
+        }
+        log(STOPPED);
+        std::process::exit(128 + i32::from(signal));
     }
 }

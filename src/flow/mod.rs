@@ -95,7 +95,7 @@ impl VelocityField {
     /// Where the file of a mask cannot be read.
     pub fn build(scene: &Scene, geometry: &Geometry, files: &dyn MaskFiles) -> Result<Self, FlowError> {
         let builder = Builder { scene, geometry, files };
-        let seed = Seed(scene.settings.render.seed).derive(NOISE_KEYS);
+        let seed = Seed(scene.settings.smoke_seed()).derive(NOISE_KEYS);
         let mut sources = Vec::new();
         for (i, potential) in scene.settings.flow.potentials.iter().enumerate() {
             sources.extend(builder.sources(potential, seed.derive(i as u64))?);
@@ -199,7 +199,7 @@ impl Builder<'_> {
                 None => everywhere,
             },
             settings::Mask::Noise(m) => {
-                let seed = Seed(self.scene.settings.render.seed).derive(MASK_KEYS).derive(m.seed);
+                let seed = Seed(self.scene.settings.smoke_seed()).derive(MASK_KEYS).derive(m.seed);
                 let speed = RMS_SPEED / m.length_scale;
                 let settings =
                     OctavesSettings { length_scale: m.length_scale, speed, octaves: 1, seed, ..Default::default() };

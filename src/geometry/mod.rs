@@ -21,10 +21,8 @@ use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::trace::Solid;
 use crate::math::space::Similarity;
 use crate::progress::{Progress, Stage};
-use crate::scene::diagnostic::Position;
-use crate::scene::{Scene, settings};
+use crate::scene::{PlaceInScene, Scene, settings};
 use glam::{DQuat, DVec3, Quat};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// All shapes of a scene.
@@ -80,27 +78,6 @@ pub enum GeometryError {
     /// The caller asked to stop.
     #[error("stopped while building the geometry")]
     Cancelled,
-}
-
-/// Where in a scene file something is said: `FILE:LINE:COLUMN: KEY: `.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlaceInScene {
-    /// The scene file.
-    pub path: PathBuf,
-    /// Where in it; none for what the command line said.
-    pub position: Option<Position>,
-    /// The key.
-    pub key: String,
-}
-
-impl std::fmt::Display for PlaceInScene {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}:", self.path.display())?;
-        if let Some(Position { line, column }) = self.position {
-            write!(f, "{line}:{column}:")?;
-        }
-        write!(f, " {}: ", self.key)
-    }
 }
 
 impl Shape {
@@ -228,8 +205,7 @@ fn read(scene: &Scene, name: &str, settings: &settings::Mesh) -> Result<(Mesh, O
 }
 
 fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {
-    let key = format!("shapes.{name}.mesh.{key}");
-    Box::new(PlaceInScene { path: scene.path.clone(), position: scene.position_of(&key), key })
+    Box::new(scene.place(&format!("shapes.{name}.mesh.{key}")))
 }
 
 /// Whether the flow needs the distance of a shape.

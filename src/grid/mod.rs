@@ -42,7 +42,7 @@ pub const MAX_COORDINATE: i32 = 1 << 22;
 pub enum GridError {
     /// The grid would need more memory than allowed; nothing was allocated.
     #[error(
-        "a grid of {}×{}×{} voxels ({brick_count} occupied bricks) needs {:.1} MiB, more than the {:.1} MiB that \
+        "a grid of {}×{}×{} voxels ({brick_count} occupied bricks) and making it need {:.1} MiB, more than the {:.1} MiB that \
          particles and picture leave within the limit; use larger voxels or a smaller region, or raise --memory-limit",
         voxels.x, voxels.y, voxels.z, *needed_bytes as f64 / 1048576.0, *limit_bytes as f64 / 1048576.0
     )]
@@ -132,11 +132,11 @@ impl DensityGrid {
         }
         check_values(coords, values)?;
         let (brick_min, dims) = brick_box(coords)?;
-        check_memory(dims, coords.len() as u64, memory_limit_bytes)?;
+        check_memory(dims, coords.len() as u64, 0, memory_limit_bytes)?;
         let dims = dims.as_uvec3();
         let sources = place_sources(coords, brick_min, dims);
-        let (directory, occupied) = occupied_bricks(&sources, values);
-        check_memory(dims.as_u64vec3(), occupied.len() as u64, memory_limit_bytes)?;
+        let (directory, occupied) = occupied_bricks(&sources, coords, values, brick_min);
+        check_memory(dims.as_u64vec3(), occupied.len() as u64, 0, memory_limit_bytes)?;
         let mut bricks = vec![[0.0; STORED_SAMPLES]; occupied.len() + 1];
         bricks[1..]
             .par_iter_mut()
@@ -168,7 +168,7 @@ impl DensityGrid {
     ) -> Result<Self, GridError> {
         let dims = values.dims();
         let bricks_each = (dims.as_u64vec3() + (BRICK_EDGE as u64 - 1)) / BRICK_EDGE as u64;
-        check_memory(bricks_each, bricks_each.element_product(), memory_limit_bytes)?;
+        check_memory(bricks_each, bricks_each.element_product(), 0, memory_limit_bytes)?;
         let coords: Vec<IVec3> = box_points(bricks_each.as_uvec3()).map(|p| p.as_ivec3()).collect();
         let bricks: Vec<BrickValues> = coords
             .par_iter()
@@ -193,7 +193,7 @@ impl DensityGrid {
         density: impl Fn(WorldPoint) -> f32 + Sync,
     ) -> Result<Self, GridError> {
         let bricks_each = (dims.as_u64vec3() + (BRICK_EDGE as u64 - 1)) / BRICK_EDGE as u64;
-        check_memory(bricks_each, bricks_each.element_product(), memory_limit_bytes)?;
+        check_memory(bricks_each, bricks_each.element_product(), 0, memory_limit_bytes)?;
         let row = |i: usize| {
             let (j, k) = (i as u32 % dims.y, i as u32 / dims.y);
             let density = &density;
@@ -325,14 +325,15 @@ fn brick_box(coords: &[IVec3]) -> Result<(IVec3, glam::U64Vec3), GridError> {
 pub(crate) fn needed_bytes(dims: glam::U64Vec3, brick_count: u64) -> u64 {
     // Directory, the sources' directory while assembling, majorants on cells of 4³.
     let per_place = 4 + 4 + 8 * 4;
-    // What is stored, what it is made of, its place, and bounds of occupied cells twice while they are collected.
-    let per_brick = (size_of::<StoredBrick>() + size_of::<BrickValues>() + size_of::<UVec3>() + 2 * 8 * 4) as u64;
+    // What is stored, what it is made of, places that may be occupied, and bounds of occupied cells twice while they are collected.
+    let per_brick = (size_of::<StoredBrick>() + size_of::<BrickValues>() + 9 * size_of::<UVec3>() + 2 * 8 * 4) as u64;
     let places = [dims.x, dims.y, dims.z].iter().fold(1u64, |a, &b| a.saturating_mul(b));
     places.saturating_mul(per_place).saturating_add(brick_count.saturating_mul(per_brick))
 }
 
-fn check_memory(dims: glam::U64Vec3, brick_count: u64, limit_bytes: u64) -> Result<(), GridError> {
-    let needed_bytes = needed_bytes(dims, brick_count);
+/// An error where a grid and `beside_bytes` of other things do not fit.
+fn check_memory(dims: glam::U64Vec3, brick_count: u64, beside_bytes: u64, limit_bytes: u64) -> Result<(), GridError> {
+    let needed_bytes = needed_bytes(dims, brick_count).saturating_add(beside_bytes);
     let places = dims.x.checked_mul(dims.y).and_then(|p| p.checked_mul(dims.z));
     // Offsets into the finer majorant lattice are 32 bits wide.
     if needed_bytes > limit_bytes || places.is_none_or(|p| p > u64::from(u32::MAX) / 8) {
@@ -354,7 +355,12 @@ fn place_sources(coords: &[IVec3], brick_min: IVec3, dims: UVec3) -> Lattice<u32
 }
 
 /// The directory, and the places of bricks 1, 2, … : those of which any stored sample is not zero.
-fn occupied_bricks(sources: &Lattice<u32>, values: &[BrickValues]) -> (Lattice<u32>, Vec<UVec3>) {
+fn occupied_bricks(
+    sources: &Lattice<u32>,
+    coords: &[IVec3],
+    values: &[BrickValues],
+    brick_min: IVec3,
+) -> (Lattice<u32>, Vec<UVec3>) {
     let dims = sources.dims();
     // Bit (x, y, z): some voxel of the brick's low faces along the axes set is not zero (bit 0: any voxel at all).
     let faces: Vec<u8> = values.par_iter().map(low_faces).collect();
@@ -367,13 +373,15 @@ fn occupied_bricks(sources: &Lattice<u32>, values: &[BrickValues]) -> (Lattice<u
             }
         })
     };
+    // Only a given brick and those below it can be: the box around a few far bricks is large and empty.
+    let below = |&c: &IVec3| box_points(UVec3::splat(2)).map(move |step| (c - brick_min).as_uvec3() - step);
+    let mut occupied: Vec<UVec3> = coords.par_iter().flat_map_iter(below).collect();
+    occupied.par_sort_unstable_by_key(|&p| sources.offset(p));
+    occupied.dedup();
+    let occupied: Vec<UVec3> = occupied.into_par_iter().filter(|&p| is_occupied(p)).collect();
     let mut directory = Lattice::filled(dims, 0u32);
-    let mut occupied = Vec::new();
-    for p in box_points(dims) {
-        if is_occupied(p) {
-            occupied.push(p);
-            directory.set(p, occupied.len() as u32);
-        }
+    for (i, &p) in occupied.iter().enumerate() {
+        directory.set(p, i as u32 + 1);
     }
     (directory, occupied)
 }

@@ -71,14 +71,14 @@ pub fn splat(input: &SplatInput, settings: &SplatSettings) -> Result<Splat, Grid
     let dims = (brick_max - brick_min + 1).as_u64vec3();
     let pair_count: u64 = splatter.indices().map(|i| splatter.brick_count(i)).sum();
     let pair_bytes = pair_count.saturating_mul(2 * size_of::<u64>() as u64);
-    check_memory(dims, 0, limit.saturating_sub(pair_bytes))?;
+    check_memory(dims, 0, pair_bytes, limit)?;
     let dims = dims.as_uvec3();
     let pairs = splatter.sorted_pairs(brick_min, dims);
     let chunks: Vec<&[u64]> = pairs.chunk_by(|a, b| a >> 32 == b >> 32).collect();
     let coord = |pair: u64| brick_min + place_to_brick((pair >> 32) as u32, dims).as_ivec3();
     let bricks: Vec<BrickPairs> = chunks.iter().map(|&pairs| BrickPairs { brick: coord(pairs[0]), pairs }).collect();
     let held_bytes = pair_bytes.saturating_add(splatter.wall_bytes(&bricks));
-    check_memory(dims.as_u64vec3(), bricks.len() as u64, limit.saturating_sub(held_bytes))?;
+    check_memory(dims.as_u64vec3(), bricks.len() as u64, held_bytes, limit)?;
     let walls = splatter.measure_walls(&bricks);
     let values: Vec<BrickValues> = (0..bricks.len())
         .into_par_iter()

@@ -19,7 +19,8 @@ use crate::inspect::plane::Perspective;
 use crate::inspect::probe::SceneFlow;
 use crate::inspect::streamlines::TraceSettings;
 use crate::math::hash::Seed;
-use crate::particles::emit::{Emitter, Place, Schedule, Surface};
+use crate::particles::emit::{Emitter, Schedule};
+use crate::particles::{ParticlesError, build_place};
 use crate::scene::Scene;
 use crate::scene::settings;
 use glam::DVec3;
@@ -36,16 +37,9 @@ pub enum InspectError {
         "the scene has no smoke.emitters for lines to start from; start them on a plane with --seeds plane, or add an emitter"
     )]
     NoEmitters,
-    /// An emitter's shape cannot emit.
-    #[error(
-        "smoke.emitters[{emitter_idx}]: shape \"{shape}\" has no surface to start from: it must be a mesh with an area"
-    )]
-    NoSurface {
-        /// Which emitter.
-        emitter_idx: usize,
-        /// The shape's name.
-        shape: String,
-    },
+    /// Lines cannot start from an emitter.
+    #[error(transparent)]
+    Emitter(#[from] ParticlesError),
     /// There is no distance without obstacles.
     #[error("the scene has no flow.obstacles, so there is no distance to draw; choose another --quantity")]
     NoObstacles,
@@ -165,24 +159,8 @@ impl Inspection {
     }
 
     fn emitter(&self, e: &settings::Emitter, emitter_idx: usize, count: u64) -> Result<Emitter, InspectError> {
-        let v = DVec3::from_array;
-        let place = if let Some(s) = &e.disk {
-            Place::Disk { center: v(s.center), normal: v(s.normal).normalize_or(DVec3::Y), radius: s.radius }
-        } else if let Some(s) = &e.sphere {
-            Place::Ball { center: v(s.center), radius: s.radius }
-        } else if let Some(s) = &e.cuboid {
-            Place::Cuboid { center: v(s.center), size: v(s.size) }
-        } else if let Some(s) = &e.mesh {
-            let shape = self.geometry.shapes.iter().find(|shape| shape.name == s.shape);
-            let mesh = shape.and_then(|shape| shape.mesh.as_ref());
-            let triangles = mesh.map(|m| (0..m.triangles().len()).map(|i| m.corners(i)).collect()).unwrap_or_default();
-            let no_surface = || InspectError::NoSurface { emitter_idx, shape: s.shape.clone() };
-            Place::Surface(Surface::try_new(triangles, s.offset).ok_or_else(no_surface)?)
-        } else {
-            Place::Point(e.point.as_ref().map_or(DVec3::ZERO, |s| v(s.position)))
-        };
         Ok(Emitter {
-            place,
+            place: build_place(e, emitter_idx, &self.geometry)?,
             schedule: Schedule::Count(count),
             start: 0.0,
             stop: f64::INFINITY,

@@ -36,19 +36,30 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     Ok(())
 }
 
-/// Makes sure, before hours are spent, that a file can be written: makes its folders and tries a temporary file.
+/// Makes sure, before hours are spent, that a file can be written: makes its folders and tries the temporary file.
 ///
 /// # Errors
 /// [`OutputError::Unwritable`] when not.
 pub fn check_writable(path: &Path) -> Result<(), OutputError> {
     let folder = folder_of(path);
     let unwritable = |cause: io::Error| OutputError::Unwritable { path: path.into(), cause };
-    if path.is_dir() {
-        return Err(unwritable(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")));
-    }
+    check_no_folder(path)?;
     fs::create_dir_all(&folder).map_err(|cause| OutputError::Unwritable { path: folder.clone(), cause })?;
-    let probe = folder.join(temporary_name("curlsmoke", std::process::id()));
+    let name = path.file_name().ok_or_else(|| unwritable(io::ErrorKind::InvalidInput.into()))?.to_string_lossy();
+    let probe = folder.join(temporary_name(&name, std::process::id()));
     File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(unwritable)
+}
+
+/// Makes sure that there is no folder where a file is to be.
+///
+/// # Errors
+/// [`OutputError::Unwritable`] when there is.
+pub fn check_no_folder(path: &Path) -> Result<(), OutputError> {
+    if !path.is_dir() {
+        return Ok(());
+    }
+    let cause = io::Error::new(io::ErrorKind::IsADirectory, "it is a folder");
+    Err(OutputError::Unwritable { path: path.into(), cause })
 }
 
 /// The folder of a file, `.` where its path has none.

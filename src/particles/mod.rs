@@ -75,7 +75,7 @@ pub enum ParticlesError {
     },
     /// An emitter's shape cannot emit.
     #[error(
-        "smoke.emitters[{emitter_idx}]: shape \"{shape}\" has no surface to emit from: it must be a mesh with an area"
+        "emitter {emitter_idx} (from 0): shape \"{shape}\" has no surface to emit from: it must be a mesh with an area"
     )]
     NoSurface {
         /// Which emitter.
@@ -87,7 +87,7 @@ pub enum ParticlesError {
     #[error("the scene has no smoke.emitters and smoke.grid")]
     NoEmitters,
     /// The velocity field has thrown a particle out of all bounds.
-    #[error("frame {frame}: a particle's position is not finite; the speeds of flow.potentials are too large")]
+    #[error("a particle's position is not finite at frame {frame}; the speeds of flow.potentials are too large")]
     NotFinite {
         /// Which frame.
         frame: i32,
@@ -107,7 +107,7 @@ impl ParticleSystem {
         let smoke = settings.smoke.as_ref().ok_or(ParticlesError::NoEmitters)?;
         let grid = smoke.grid.as_ref().ok_or(ParticlesError::NoEmitters)?;
         check_memory(settings, &smoke.emitters)?;
-        let seed = Seed(settings.render.seed).derive(PARTICLE_KEYS);
+        let seed = Seed(settings.smoke_seed()).derive(PARTICLE_KEYS);
         let emitters = smoke.emitters.iter().enumerate();
         let emitters = emitters
             .map(|(i, e)| build_emitter(e, i, seed.derive(i as u64), geometry))
@@ -137,14 +137,13 @@ fn check_memory(settings: &Settings, emitters: &[settings::Emitter]) -> Result<(
     Ok(())
 }
 
-fn build_emitter(
-    e: &settings::Emitter,
-    emitter_idx: usize,
-    seed: Seed,
-    geometry: &Geometry,
-) -> Result<Emitter, ParticlesError> {
+/// Where an emitter of a scene lets particles start.
+///
+/// # Errors
+/// Where it is a shape without a surface.
+pub fn build_place(e: &settings::Emitter, emitter_idx: usize, geometry: &Geometry) -> Result<Place, ParticlesError> {
     let v = DVec3::from_array;
-    let place = if let Some(s) = &e.disk {
+    Ok(if let Some(s) = &e.disk {
         Place::Disk { center: v(s.center), normal: v(s.normal).normalize_or(DVec3::Y), radius: s.radius }
     } else if let Some(s) = &e.sphere {
         Place::Ball { center: v(s.center), radius: s.radius }
@@ -157,7 +156,15 @@ fn build_emitter(
         Place::Surface(surface.ok_or(ParticlesError::NoSurface { emitter_idx, shape: s.shape.clone() })?)
     } else {
         Place::Point(e.point.as_ref().map_or(DVec3::ZERO, |s| v(s.position)))
-    };
+    })
+}
+
+fn build_emitter(
+    e: &settings::Emitter,
+    emitter_idx: usize,
+    seed: Seed,
+    geometry: &Geometry,
+) -> Result<Emitter, ParticlesError> {
     let (schedule, share) = match (e.rate, e.count) {
         (_, Some(count)) => (Schedule::Count(count), 1.0 / count.max(1) as f64),
         (rate, None) => {
@@ -166,7 +173,7 @@ fn build_emitter(
         }
     };
     Ok(Emitter {
-        place,
+        place: build_place(e, emitter_idx, geometry)?,
         schedule,
         start: e.start,
         stop: e.stop.unwrap_or(f64::INFINITY),

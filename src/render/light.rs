@@ -224,11 +224,13 @@ impl Light {
     /// A rough irradiance [W/m²] at `center` of a scene: its share when one light is chosen among several.
     pub fn rough_irradiance(&self, center: WorldPoint) -> f32 {
         let by_distance = |p: WorldPoint| 1.0 / (p - center).length_squared().max(1e-4);
+        // No light of an extent gives more than π times its radiance, however near and large it is.
+        let of_disk = |radiance: Rgb, area: f32, p: WorldPoint| luminance(radiance) * (area * by_distance(p)).min(PI);
         match self {
             Light::Sun { irradiance, .. } => luminance(*irradiance),
             Light::Environment(environment) => PI * environment.mean_luminance(),
-            Light::Rectangle(r) => luminance(r.radiance) * r.area * by_distance(r.center),
-            Light::Sphere(s) => luminance(s.radiance) * PI * s.radius * s.radius * by_distance(s.center),
+            Light::Rectangle(r) => of_disk(r.radiance, r.area, r.center),
+            Light::Sphere(s) => of_disk(s.radiance, PI * s.radius * s.radius, s.center),
             Light::Point { position, intensity } => luminance(*intensity) * by_distance(*position),
         }
     }

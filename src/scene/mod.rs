@@ -194,10 +194,32 @@ impl Scene {
     }
 
     /// Where the value of a key path such as `shapes.ball.mesh.file` is written, or the nearest enclosing key that is,
-    /// if the value is a default. None if it was set on the command line.
-    pub fn position_of(&self, key_path: &str) -> Option<Position> {
+    /// if the value is a default.
+    pub fn place(&self, key_path: &str) -> PlaceInScene {
         let place = self.tree.place_of(key_path);
-        (place.source_idx == 0).then_some(place.position)
+        let position = (place.source_idx == 0).then_some(place.position);
+        PlaceInScene { path: self.path.clone(), position, key: key_path.into() }
+    }
+}
+
+/// Where in a scene file something is said: `FILE:LINE:COLUMN: KEY: `.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaceInScene {
+    /// The scene file.
+    pub path: PathBuf,
+    /// Where in it; none for what the command line said.
+    pub position: Option<Position>,
+    /// The key.
+    pub key: String,
+}
+
+impl std::fmt::Display for PlaceInScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:", self.path.display())?;
+        if let Some(Position { line, column }) = self.position {
+            write!(f, "{line}:{column}:")?;
+        }
+        write!(f, " {}: ", self.key)
     }
 }
 

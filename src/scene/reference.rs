@@ -5,7 +5,14 @@ use crate::scene::schema_json;
 use serde_json::{Map, Value as Json};
 
 /// The source of the schema, for the one thing that the schema does not keep: the order of keys.
-const SETTINGS_SOURCE: &str = concat!(include_str!("settings.rs"), include_str!("settings/flow.rs"));
+const SETTINGS_SOURCE: &str = concat!(
+    include_str!("settings.rs"),
+    include_str!("settings/shapes.rs"),
+    include_str!("settings/flow.rs"),
+    include_str!("settings/smoke.rs"),
+    include_str!("settings/lights.rs"),
+    include_str!("settings/output.rs")
+);
 
 /// A Markdown section for each kind of map in a scene file, the file itself first: its keys with type, range, default,
 /// unit and meaning.

@@ -186,7 +186,7 @@ pub struct Noise {
     /// How far the pattern is moved [m]. Default 0.
     #[serde(default)]
     pub offset: Vec3,
-    /// Which of the many patterns. Default 0; mixed with `render.seed`.
+    /// Which of the many patterns. Default 0; mixed with `smoke.seed`.
     #[serde(default)]
     pub seed: u64,
     /// Masks that the potential is multiplied with.
@@ -394,7 +394,7 @@ pub struct NoiseMask {
     /// Largest value. Default 1.
     #[serde(default = "crate::scene::settings::one")]
     pub high: f64,
-    /// Which of the many patterns. Default 0; mixed with `render.seed`.
+    /// Which of the many patterns. Default 0; mixed with `smoke.seed`.
     #[serde(default)]
     pub seed: u64,
 }

@@ -1,0 +1,63 @@
+//! What tells whether a frame on disk was made from this very scene and the files that it names.
+
+use crate::error::Error;
+use crate::output::sidecar;
+use crate::pipeline::parse_pattern;
+use crate::render::film::PixelBounds;
+use crate::scene::{Scene, settings};
+use std::path::Path;
+
+/// Hash of everything that all frames depend on.
+pub(super) struct InputHash {
+    settings: Vec<u8>,
+    files: String,
+}
+
+impl InputHash {
+    pub(super) fn new(scene: &Scene, crop: Option<PixelBounds>) -> Result<Self, Error> {
+        let mut settings = scene.settings.clone();
+        // What changes no pixel of a frame must not make it stale.
+        settings.frames.last = settings.frames.first;
+        settings.output.image.clear();
+        settings.output.volume.clear();
+        // That there is a preview matters, its name does not.
+        settings.output.preview = settings.output.preview.map(|_| String::new());
+        settings.render.memory_limit_gib = 0.0;
+        let mut files = Vec::new();
+        for shape in settings.shapes.values() {
+            files.extend(shape.mesh.as_ref().map(|m| scene.resolve(&m.file)));
+        }
+        for light in &settings.lights {
+            if let settings::Light::Environment(e) = light {
+                files.extend(e.file.as_ref().map(|f| scene.resolve(f)));
+            }
+        }
+        for mask in settings.flow.potentials.iter().flat_map(settings::Potential::masks) {
+            match mask {
+                settings::Mask::Image(mask) => files.push(scene.resolve(&mask.file)),
+                settings::Mask::Grid(mask) => files.push(scene.resolve(&mask.file)),
+                _ => {}
+            }
+        }
+        let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;
+        let mut text = serde_json::to_vec(&settings).map_err(|e| Error::Internal(e.to_string()))?;
+        text.extend(format!("{crop:?}").bytes());
+        Ok(Self { settings: text, files: hashes.concat() })
+    }
+
+    pub(super) fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
+        let mut volume = String::new();
+        if let Some(density) = scene.settings.smoke.as_ref().and_then(|s| s.file.as_ref()) {
+            let path = scene.resolve(&parse_pattern(&density.path)?.expand(frame, scene.name()));
+            volume = file_hash(&path)?;
+        }
+        let version = env!("CARGO_PKG_VERSION");
+        let parts =
+            [version.as_bytes(), &self.settings, self.files.as_bytes(), volume.as_bytes(), &frame.to_le_bytes()];
+        Ok(sidecar::fingerprint(&parts))
+    }
+}
+
+fn file_hash(path: &Path) -> Result<String, Error> {
+    Ok(sidecar::sha256_of_file(path)?)
+}

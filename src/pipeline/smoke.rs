@@ -1,0 +1,104 @@
+//! Where the density of a frame comes from: particles carried by the flow and splatted, or a file.
+
+use crate::error::Error;
+use crate::flow::field::FieldSpan;
+use crate::geometry::Geometry;
+use crate::grid::soft::ObstacleDistance;
+use crate::grid::splat::{SplatInput, SplatSettings, splat};
+use crate::grid::{DensityGrid, vdb};
+use crate::output::sidecar::{MassFigures, Sidecar};
+use crate::particles::ParticleSystem;
+use crate::pipeline::{build_field, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
+use crate::progress::{Progress, Stage};
+use crate::scene::Scene;
+use crate::scene::pattern::Pattern;
+use glam::DVec3;
+use std::time::Instant;
+
+/// Where the density of a frame comes from.
+pub(super) enum SmokeSource {
+    None,
+    Particles { system: Box<ParticleSystem>, splat: SplatSettings },
+    File { pattern: Pattern, grid_name: String },
+}
+
+impl SmokeSource {
+    pub(super) fn build(scene: &Scene, geometry: &Geometry) -> Result<Self, Error> {
+        let Some(smoke) = &scene.settings.smoke else { return Ok(Self::None) };
+        if let Some(density) = &smoke.file {
+            let pattern = parse_pattern(&density.path)?;
+            return Ok(Self::File { pattern, grid_name: density.density.clone() });
+        }
+        let Some(grid) = &smoke.grid else { return Ok(Self::None) };
+        let frames = &scene.settings.frames;
+        let splat = SplatSettings {
+            voxel_size: grid.voxel_size as f32,
+            shutter_seconds: frames.shutter.map(|s| s / frames.fps),
+            soft_radius: grid.soft_radius,
+            memory_limit_bytes: grid_memory_limit(scene, 0),
+        };
+        let system = ParticleSystem::build(scene, geometry, build_field(scene, geometry)?)
+            .map_err(|e| in_scene(scene, "smoke.emitters", None, e))?;
+        Ok(Self::Particles { system: Box::new(system), splat })
+    }
+
+    pub(super) fn grid(
+        &mut self,
+        scene: &Scene,
+        frame: i32,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<Option<DensityGrid>, Error> {
+        let grid = match self {
+            Self::None => return Ok(None),
+            Self::Particles { system, splat: settings } => {
+                let before = [system.penetrations(), system.born_inside()];
+                let start = Instant::now();
+                system.at_frame(frame, progress).map_err(|e| in_scene(scene, "flow", Some(frame), e))?;
+                let particles = system.particles();
+                record.add_time(Stage::Advect, start.elapsed());
+                record.particles = particles.mass.len() as u64;
+                let walls = FlowObstacles(system.field().span(time_of(scene, frame), 0.0));
+                let has_walls = !system.field().obstacles().is_empty();
+                let input = SplatInput {
+                    position: particles.position.each_ref().map(Vec::as_slice),
+                    velocity: particles.velocity.each_ref().map(Vec::as_slice),
+                    mass: &particles.mass,
+                    radius: &particles.radius,
+                    obstacles: has_walls.then_some(&walls),
+                };
+                let count = particles.mass.len();
+                let settings = SplatSettings { memory_limit_bytes: grid_memory_limit(scene, count), ..*settings };
+                let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, &settings))
+                    .map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
+                let m = splat.mass;
+                record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
+                record.penetrations = system.penetrations() - before[0];
+                record.born_inside = system.born_inside() - before[1];
+                splat.grid
+            }
+            Self::File { pattern, grid_name } => {
+                let path = scene.resolve(&pattern.expand(frame, scene.name()));
+                timed(progress, Stage::Grid, record, 0, || {
+                    vdb::read_float_grid(&path, grid_name, grid_memory_limit(scene, 0))
+                })
+                .map_err(|e| in_scene(scene, "smoke.file", Some(frame), e))?
+            }
+        };
+        record.grid.active_voxels = grid.active_voxel_count();
+        record.grid.bytes = grid.memory_bytes();
+        Ok(Some(grid))
+    }
+}
+
+/// The obstacles of the flow as splatting asks for them: the one place where the two meet.
+#[derive(Debug)]
+struct FlowObstacles<'a>(FieldSpan<'a>);
+
+impl ObstacleDistance for FlowObstacles<'_> {
+    fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
+        for (point, distance) in points.iter().zip(distances) {
+            *distance = self.0.distance(point.to_array(), 0.0);
+        }
+    }
+}

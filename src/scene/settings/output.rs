@@ -1,0 +1,81 @@
+//! Files to write.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Files to write. In patterns `####`, `%04d`, `$F4` or `{frame:04}` stands for the frame and `{scene}` for the name of
+/// the scene file; they are relative to the working directory.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Output {
+    /// Picture in linear light, .exr. Default out/{scene}.####.exr.
+    pub image: String,
+    /// How the pixels of the picture are packed; never with loss. Default zips.
+    pub compression: Compression,
+    /// Picture to look at, .png. Default none.
+    pub preview: Option<String>,
+    /// Density, .vdb, written by `curlsmoke bake`. Default out/{scene}.####.vdb.
+    pub volume: String,
+    /// Further layers of the picture. Default none.
+    pub aovs: Vec<Aov>,
+    /// How the preview maps light to the screen. Default standard.
+    pub view: View,
+    /// Stops of exposure for the preview. Default 0.
+    #[schemars(range(min = -32.0, max = 32.0))]
+    pub exposure_ev: f64,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self {
+            image: "out/{scene}.####.exr".into(),
+            compression: Compression::Zips,
+            preview: None,
+            volume: "out/{scene}.####.vdb".into(),
+            aovs: Vec::new(),
+            view: View::Standard,
+            exposure_ev: 0.0,
+        }
+    }
+}
+
+/// How pixels are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Compression {
+    /// Deflate, line by line: what compositing programs read fastest.
+    Zips,
+    /// Deflate, 16 lines at a time: some percent smaller.
+    Zip,
+    /// Wavelets: often smallest for noisy pictures, slower to read.
+    Piz,
+    /// Not at all.
+    None,
+}
+
+/// A further layer of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Aov {
+    /// Distance along the view axis to the first surface [m]; infinite where there is none. Channel Z.
+    Depth,
+    /// Normal of the first surface. Channels N.X, N.Y, N.Z.
+    Normal,
+    /// Colour of the first surface or smoke. Channels albedo.R, albedo.G, albedo.B.
+    Albedo,
+    /// Variance of the mean of the picture, as if samples were independent: an upper bound, since they are stratified.
+    /// Infinite with one sample per pixel. Channels variance.R, variance.G, variance.B.
+    Variance,
+}
+
+/// How the preview maps light to the screen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum View {
+    /// Cut at 1, sRGB transfer curve.
+    Standard,
+    /// Khronos PBR Neutral: colours as they are up to 0.8, highlights rolled off.
+    Neutral,
+    /// Cut at 1, no transfer curve.
+    Raw,
+}

@@ -1,0 +1,223 @@
+//! Solid things: shapes, their meshes, places, motions and materials.
+
+use crate::scene::settings::{Rgb, Vec3, up, yes};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A solid: exactly one of `sphere`, `box`, `capsule`, `torus`, `plane`, `mesh`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Shape {
+    /// A ball.
+    #[serde(default)]
+    pub sphere: Option<Sphere>,
+    /// A box, with rounded edges if wanted.
+    #[serde(default, rename = "box")]
+    pub cuboid: Option<Cuboid>,
+    /// All points within a distance of a segment.
+    #[serde(default)]
+    pub capsule: Option<Capsule>,
+    /// A ring.
+    #[serde(default)]
+    pub torus: Option<Torus>,
+    /// A half space.
+    #[serde(default)]
+    pub plane: Option<Plane>,
+    /// Triangles from a file.
+    #[serde(default)]
+    pub mesh: Option<Mesh>,
+    /// Moves, turns and scales the shape.
+    #[serde(default)]
+    pub transform: Transform,
+    /// How the shape moves in time. Default not at all.
+    #[serde(default)]
+    pub motion: Option<Motion>,
+    /// What the surface does to light. Default diffuse grey 0.5.
+    #[serde(default)]
+    pub material: Material,
+    /// Whether light meets it; an invisible shape still guides the flow. Default true.
+    #[serde(default = "yes")]
+    pub visible: bool,
+}
+
+/// A ball.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Sphere {
+    /// Middle [m].
+    pub center: Vec3,
+    /// Radius [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub radius: f64,
+}
+
+/// A box.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Cuboid {
+    /// Middle [m].
+    pub center: Vec3,
+    /// Edge lengths, rounding included [m].
+    #[schemars(inner(range(min = 1e-9)))]
+    pub size: Vec3,
+    /// Radius of edges and corners [m], at most half the shortest edge. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub rounding: f64,
+}
+
+/// All points within a distance of a segment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Capsule {
+    /// One end of the segment [m].
+    pub start: Vec3,
+    /// The other end [m].
+    pub end: Vec3,
+    /// Distance [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub radius: f64,
+}
+
+/// A ring.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Torus {
+    /// Middle of the hole [m].
+    pub center: Vec3,
+    /// Direction of the hole; any length but 0. Default [0, 1, 0].
+    #[serde(default = "up")]
+    pub axis: Vec3,
+    /// From the middle of the hole to the middle of the tube [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub major_radius: f64,
+    /// Of the tube [m]; less than `major_radius`.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub minor_radius: f64,
+}
+
+/// A half space: everything behind the plane is solid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Plane {
+    /// A point of the plane [m]. Default the origin.
+    #[serde(default)]
+    pub point: Vec3,
+    /// Direction out of the solid; any length but 0. Default [0, 1, 0].
+    #[serde(default = "up")]
+    pub normal: Vec3,
+    /// Half the width of the square of it that light meets [m]. Default 1000.
+    #[serde(default = "plane_extent")]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub extent: f64,
+}
+
+fn plane_extent() -> f64 {
+    1000.0
+}
+
+/// Triangles from a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Mesh {
+    /// An .obj or .ply file; relative to the scene file.
+    pub file: String,
+    /// Distance between the samples of the mesh's signed distance [m], for flow round it. Default a 96th of its
+    /// longest edge.
+    #[serde(default)]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub distance_voxel: Option<f64>,
+    /// Interpolate the vertex normals of the file for shading. Default true.
+    #[serde(default = "yes")]
+    pub smooth: bool,
+}
+
+/// Scale first, then rotation, then translation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Transform {
+    /// Added last [m]. Default the origin.
+    pub translate: Vec3,
+    /// Turn about an axis through the origin. Default none.
+    pub rotate_deg: Rotation,
+    /// Uniform factor. Default 1.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub scale: f64,
+}
+
+impl Default for Transform {
+    fn default() -> Self {
+        Self { translate: [0.0; 3], rotate_deg: Rotation::default(), scale: 1.0 }
+    }
+}
+
+/// Turn about an axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Rotation {
+    /// Direction of the axis; any length but 0.
+    pub axis: Vec3,
+    /// Angle [degrees], counterclockwise when the axis points at the viewer.
+    pub angle: f64,
+}
+
+impl Default for Rotation {
+    fn default() -> Self {
+        Self { axis: up(), angle: 0.0 }
+    }
+}
+
+/// How a shape moves: rigidly, from key to key. Before the first key and after the last it stands still.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Motion {
+    /// Where it is when; times rise. At least two.
+    pub keys: Vec<Key>,
+    /// How it gets from key to key. Default smooth.
+    #[serde(default)]
+    pub interpolation: Interpolation,
+}
+
+/// Where a shape is at a time, relative to where `transform` puts it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Key {
+    /// When [s]; frame `first` is at 0.
+    pub time: f64,
+    /// How far it has moved [m]. Default [0, 0, 0].
+    #[serde(default)]
+    pub translate: Vec3,
+    /// How far it has turned about its own middle. Default none. From key to key it takes the shorter way: give a key at
+    /// least every half turn.
+    #[serde(default)]
+    pub rotate_deg: Rotation,
+}
+
+/// How a shape gets from key to key.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Interpolation {
+    /// At constant velocity, which jumps at keys.
+    Linear,
+    /// Faster in the middle, at rest at each key.
+    #[default]
+    Smooth,
+}
+
+/// What a surface does to light.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Material {
+    /// Reflects alike in all directions.
+    Diffuse {
+        /// Share of light reflected, 0 to 1.
+        #[schemars(inner(range(min = 0.0, max = 1.0)))]
+        reflectance: Rgb,
+    },
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self::Diffuse { reflectance: [0.5; 3] }
+    }
+}

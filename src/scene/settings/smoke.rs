@@ -1,0 +1,246 @@
+//! The smoke: what emits it, how it is carried, and what it does to light.
+
+use crate::scene::settings::{Rgb, Vec3, density_name, one, up};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The smoke: either `emitters` (with `advect` and `grid`), or `file`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Smoke {
+    /// Sources of particles.
+    #[serde(default)]
+    pub emitters: Vec<Emitter>,
+    /// How particles follow the flow.
+    #[serde(default)]
+    pub advect: Advect,
+    /// The voxels that particles are splatted into; required with `emitters`.
+    #[serde(default)]
+    pub grid: Option<Grid>,
+    /// Density from a .vdb file instead.
+    #[serde(default)]
+    pub file: Option<DensityFile>,
+    /// What the smoke does to light.
+    #[serde(default)]
+    pub medium: Medium,
+    /// Which of the many smokes that these settings give: particles and noise. With it, `render.seed` changes the grain
+    /// of the picture and not the smoke. Default `render.seed`.
+    #[serde(default)]
+    pub seed: Option<u64>,
+}
+
+/// A source of particles: exactly one of `point`, `disk`, `sphere`, `box`, `mesh`; and either `rate` or `count`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Emitter {
+    /// From one point.
+    #[serde(default)]
+    pub point: Option<PointSource>,
+    /// From all over a disk.
+    #[serde(default)]
+    pub disk: Option<DiskSource>,
+    /// From all over a ball.
+    #[serde(default)]
+    pub sphere: Option<SphereSource>,
+    /// From all over a box.
+    #[serde(default, rename = "box")]
+    pub cuboid: Option<BoxSource>,
+    /// From the surface of a shape that is a mesh.
+    #[serde(default)]
+    pub mesh: Option<MeshSource>,
+    /// Particles born per second. More make the smoke smoother, not denser.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub rate: Option<f64>,
+    /// Particles that are all born at `start`, instead of `rate`.
+    #[serde(default)]
+    pub count: Option<u64>,
+    /// Mass given off: per second with `rate`, in all with `count` [density unit · m³, /s]. Default 1.
+    #[serde(default = "one")]
+    #[schemars(range(min = 0.0))]
+    pub mass: f64,
+    /// When it begins [s]; frame `first` is at 0, and smoke that should be there by then begins earlier. Default 0.
+    #[serde(default)]
+    pub start: f64,
+    /// When it ends [s]. Default never.
+    #[serde(default)]
+    pub stop: Option<f64>,
+    /// Life of a particle [s].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub lifetime: f64,
+    /// Lives are spread evenly over `lifetime · (1 ± lifetime_spread)`. Default 0.2.
+    #[serde(default = "lifetime_spread")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub lifetime_spread: f64,
+    /// A new particle grows to its full mass over this time [s]. Default 0.1.
+    #[serde(default = "fade_in")]
+    #[schemars(range(min = 0.0))]
+    pub fade_in: f64,
+    /// A particle loses its mass over this last part of its life [s]. Default 0.5.
+    #[serde(default = "fade_out")]
+    #[schemars(range(min = 0.0))]
+    pub fade_out: f64,
+}
+
+fn lifetime_spread() -> f64 {
+    0.2
+}
+
+fn fade_in() -> f64 {
+    0.1
+}
+
+fn fade_out() -> f64 {
+    0.5
+}
+
+/// From one point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointSource {
+    /// The point [m].
+    pub position: Vec3,
+}
+
+/// From all over a disk.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DiskSource {
+    /// Middle [m].
+    pub center: Vec3,
+    /// Direction it faces; any length but 0. Default [0, 1, 0].
+    #[serde(default = "up")]
+    pub normal: Vec3,
+    /// Radius [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub radius: f64,
+}
+
+/// From all over a ball.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SphereSource {
+    /// Middle [m].
+    pub center: Vec3,
+    /// Radius [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub radius: f64,
+}
+
+/// From all over a box.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoxSource {
+    /// Middle [m].
+    pub center: Vec3,
+    /// Edge lengths [m].
+    #[schemars(inner(range(min = 1e-9)))]
+    pub size: Vec3,
+}
+
+/// From the surface of a mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeshSource {
+    /// Name of a shape that is a mesh.
+    pub shape: String,
+    /// Distance from the surface, outwards, at which particles start [m]. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub offset: f64,
+}
+
+/// How particles follow the flow.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Advect {
+    /// Scheme of a step. Default rk4.
+    pub integrator: Integrator,
+    /// Steps per frame. Default 1.
+    #[schemars(range(min = 1, max = 1000))]
+    pub substeps: u32,
+}
+
+impl Default for Advect {
+    fn default() -> Self {
+        Self { integrator: Integrator::Rk4, substeps: 1 }
+    }
+}
+
+/// Scheme of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Integrator {
+    /// One evaluation, first order.
+    Euler,
+    /// Midpoint: two evaluations, second order.
+    Rk2,
+    /// Classical Runge–Kutta: four evaluations, fourth order.
+    Rk4,
+}
+
+/// The voxels that particles are splatted into.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Grid {
+    /// Edge of a voxel [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub voxel_size: f64,
+    /// Reach of a new particle's kernel [m]. Default 1.5 voxels, which is also the least.
+    #[serde(default)]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub kernel_radius: Option<f64>,
+    /// The kernel of a particle widens with the square root of its age: radius² = kernel_radius² + expansion² · age
+    /// [m/√s]. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub expansion: f64,
+    /// Distance from `flow.obstacles` at which kernels begin to fade, so that smoke neither hides in walls nor comes
+    /// out behind thin ones [m]. 0 lets kernels ignore obstacles. Default each particle's kernel radius.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub soft_radius: Option<f64>,
+}
+
+/// Density from .vdb files.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DensityFile {
+    /// File; relative to the scene file. `####`, `%04d`, `$F4` or `{frame:04}` stands for the frame.
+    pub path: String,
+    /// Name of the grid in it. Default density.
+    #[serde(default = "density_name")]
+    pub density: String,
+}
+
+/// What the smoke does to light.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Medium {
+    /// Extinction coefficient of density 1 [1/m]. Default 10.
+    #[schemars(range(min = 0.0, max = 1e9))]
+    pub extinction: f64,
+    /// Share of the extinction that scatters, 0 to 1. Default 0.9.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub albedo: Rgb,
+    /// Which way light goes on. Default isotropic.
+    pub phase: Phase,
+}
+
+impl Default for Medium {
+    fn default() -> Self {
+        Self { extinction: 10.0, albedo: [0.9; 3], phase: Phase::HenyeyGreenstein { g: 0.0 } }
+    }
+}
+
+/// Which way light goes on after it scattered.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Phase {
+    /// Henyey and Greenstein 1941.
+    HenyeyGreenstein {
+        /// Mean cosine between the directions of travel before and after: 0 is isotropic, above 0 forward.
+        #[schemars(range(min = -0.99, max = 0.99))]
+        g: f64,
+    },
+}
