@@ -19,7 +19,7 @@ use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
 use curlsmoke::math::lattice::Lattice;
 use curlsmoke::math::real::{Lane, dot, length};
 use curlsmoke::math::space::Similarity;
-use dual::Dual;
+use dual::{Dual, divergence};
 use fearless_simd::Simd;
 use glam::{DMat3, DQuat, DVec3, UVec3};
 use std::sync::Arc;
@@ -94,7 +94,9 @@ fn sources(is_masked: bool) -> Vec<Source> {
     potentials.extend(noise(OctavesSettings { evolve_rate: 0.8, seed: Seed(5), ..Default::default() }));
     potentials.extend(noise(OctavesSettings { planar: Some(v(0.1, 0.2, 1.0)), seed: Seed(6), ..Default::default() }));
     let masks = masks();
-    let masks_of = |i: usize| if is_masked { vec![masks[i % masks.len()].clone()] } else { Vec::new() };
+    // One of them alone or two at once.
+    let both = |i: usize| [i, i / 2 + 3].map(|k| masks[k % masks.len()].clone()).to_vec();
+    let masks_of = |i: usize| if is_masked { both(i)[..1 + i % 2].to_vec() } else { Vec::new() };
     potentials.into_iter().enumerate().map(|(i, p)| Source { masks: masks_of(i), ..p.into() }).collect()
 }
 
@@ -146,17 +148,24 @@ fn nothing_makes_divergence() {
         for is_masked in [false, true] {
             let field = VelocityField::new(sources(is_masked), build_obstacles(walls.clone()));
             let span = field.span(0.4, 0.1);
-            let (mut worst, mut square) = (0.0f64, 0.0);
+            let (mut worst, mut worst_single, mut square) = (0.0f64, 0.0f64, 0.0);
             let points = free_points(&span, 1, 600);
             for p in &points {
-                let v = span.velocity(Dual::point(*p), Dual::constant(0.3));
-                let trace: f64 = (0..3).map(|i| v[i].gradient[i]).sum();
+                let (trace, size) = divergence(span.velocity(Dual::point(*p), Dual::constant(0.3)));
+                let single = p.map(|x| x as f32);
+                let (of_single, _) = divergence(span.velocity(Dual::point(single), Dual::constant(0.3f32)));
                 worst = worst.max(trace.abs());
-                square += v.iter().flat_map(|x| x.gradient).map(|x| x * x).sum::<f64>();
+                worst_single = worst_single.max(of_single.abs());
+                square += size;
             }
             let rms = (square / points.len() as f64).sqrt();
-            println!("{name}, masks {is_masked}: |∇·v| at most {:.1e} of RMS |∇v| {rms:.1} 1/s", worst / rms);
+            println!(
+                "{name}, masks {is_masked}: |∇·v| at most {:.1e} of RMS |∇v| {rms:.1} 1/s, {:.1e} in single precision",
+                worst / rms,
+                worst_single / rms
+            );
             assert!(worst < 1e-10 * rms, "{name}, {is_masked}");
+            assert!(worst_single < 1e-4 * rms, "{name}, {is_masked}");
         }
     }
 }
@@ -180,8 +189,8 @@ fn the_derivatives_that_the_divergence_is_read_from_are_those_of_the_velocity() 
     }
 }
 
-/// Points on the walls at phase 0.3, and normals.
-fn on_walls(field: &VelocityField, span: &FieldSpan, count: usize) -> Vec<([f64; 3], [f64; 3])> {
+/// Points on the walls at phase 0.3, normals, and what the flow does there.
+fn on_walls(field: &VelocityField, span: &FieldSpan, count: usize) -> Vec<([f64; 3], [f64; 3], Boundary)> {
     let mut rng = CounterRng::new(Seed(3));
     let mut points = Vec::new();
     let motions: Vec<_> = field.obstacles().iter().map(|o| o.span(0.4, 0.1)).collect();
@@ -201,7 +210,7 @@ fn on_walls(field: &VelocityField, span: &FieldSpan, count: usize) -> Vec<([f64;
         let is_free =
             others.into_iter().all(|(i, (o, m))| i == pick || o.distance(m.as_ref(), p.to_array(), 0.3) > 1e-3);
         if p.abs().max_element() < 2.0 && is_free && span.distance(p.to_array(), 0.3).abs() < 1e-9 {
-            points.push((p.to_array(), obstacle.gradient(motion, p.to_array(), 0.3).to_array()));
+            points.push((p.to_array(), obstacle.gradient(motion, p.to_array(), 0.3).to_array(), obstacle.boundary()));
         }
     }
     points
@@ -211,25 +220,27 @@ fn on_walls(field: &VelocityField, span: &FieldSpan, count: usize) -> Vec<([f64;
 fn at_walls_the_flow_moves_as_they_do() {
     for (name, walls) in rooms() {
         for is_masked in [false, true] {
-            let is_fast = walls.iter().all(|wall| wall.boundary == Boundary::NoSlip);
             let field = VelocityField::new(sources(is_masked), build_obstacles(walls.clone()));
             let span = field.span(0.4, 0.1);
             let free: f64 = free_points(&span, 1, 300).iter().map(|p| length(span.velocity(*p, 0.3)).powi(2)).sum();
             let rms = (free / 300.0).sqrt();
-            let (mut across, mut any) = (0.0f64, 0.0f64);
-            for (p, n) in on_walls(&field, &span, 400) {
+            let (mut across, mut held, mut sliding) = (0.0f64, 0.0f64, None::<f64>);
+            for (p, n, boundary) in on_walls(&field, &span, 400) {
                 let (v, wall) = (span.velocity(p, 0.3), span.wall_velocity(p, 0.3));
                 let relative: [f64; 3] = std::array::from_fn(|i| v[i] - wall[i]);
                 across = across.max(dot(relative, n).abs());
-                any = any.max(length(relative));
+                match boundary {
+                    Boundary::NoSlip => held = held.max(length(relative)),
+                    Boundary::Slip => sliding = Some(sliding.unwrap_or(0.0).max(length(relative))),
+                }
             }
             println!(
                 "{name}, masks {is_masked}: (v − wall)·n at most {:.1e} of the RMS speed {rms:.2} m/s",
                 across / rms
             );
             assert!(across < 1e-5 * rms, "{name}, {is_masked}: {across}");
-            assert!(!is_fast || any < 1e-5 * rms, "{name}: {any}");
-            assert!(is_fast || any > 1e-2 * rms, "{name}: slips by {any} only");
+            assert!(held < 1e-5 * rms, "{name}: {held}");
+            assert!(sliding.is_none_or(|fastest| fastest > 1e-2 * rms), "{name}: slips by {sliding:?} only");
         }
     }
 }
@@ -289,6 +300,6 @@ fn lanes_agree_with_the_truth_and_do_not_depend_on_their_neighbours() {
             .collect();
         let worst = run_kernel(Batches { span: &span, points: &points });
         println!("{name}: lanes differ by at most {worst:.1e} m/s");
-        assert!(worst < 2e-3, "{name}: {worst}");
+        assert!(worst < 5e-5, "{name}: {worst}");
     }
 }

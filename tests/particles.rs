@@ -55,6 +55,7 @@ fn emitter(place: Place, schedule: Schedule, seed: u64) -> Emitter {
         fade_in: 0.1,
         fade_out: 0.3,
         seed: Seed(seed),
+        motion: None,
     }
 }
 

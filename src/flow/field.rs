@@ -2,18 +2,21 @@
 
 use crate::flow::curl::curl;
 use crate::flow::elements::{Column, Shear, rigid};
+use crate::flow::gauge::{HoleFlux, Parabola, WindExcess, reference_at};
 use crate::flow::mask::Mask;
-use crate::flow::obstacles::{Boundary, Hole, Obstacle};
+use crate::flow::obstacles::{Boundary, Ground, Obstacle};
 use crate::flow::octaves::{Octave, OctaveSpan};
 use crate::flow::potential::{Psi, uniform};
 use crate::flow::ramp::removed;
 use crate::flow::vortex::{Vortex, VortexSpan};
-use crate::flow::walls::{NOTICE, NearWall, NearWalls};
+use crate::flow::walls::{NOTICE, NearObstacle, NearWalls};
 use crate::geometry::motion::RigidSpan;
-use crate::math::real::{Lane, Real, cross, dot, triple};
+use crate::math::jet::Scalar;
+use crate::math::real::{Lane, dot, triple};
 use glam::DVec3;
-use std::f64::consts::TAU;
 
+/// Sampled distances change by up to so many metres for each metre.
+const STEEPEST: f64 = 1.2;
 /// Particles are pushed this share of an obstacle's size beyond its wall.
 const PUSH: f64 = 1e-4;
 
@@ -77,6 +80,7 @@ pub struct FieldSpan<'a> {
     sources: Vec<SourceSpan<'a>>,
     /// Of each obstacle, `None` for those at rest.
     motions: Vec<Option<RigidSpan>>,
+    carriers: Vec<Option<Carrier>>,
 }
 
 #[derive(Debug, Clone)]
@@ -102,7 +106,7 @@ enum PotentialSpan {
 struct SourceWall {
     influence: f64,
     gauge: Gauge,
-    hole: Option<(Hole, Parabola)>,
+    hole: Option<HoleFlux>,
 }
 
 /// What a potential is compared with at a wall: the excess over it is removed.
@@ -110,32 +114,20 @@ struct SourceWall {
 enum Gauge {
     /// The excess is the potential less a constant.
     Constant([Parabola; 3]),
-    /// The excess of a wind V is `½V × (x − reference)`, where V is only the normal part at a plane, for wind along it is
-    /// no excess; `sliding` is that wind's potential for each metre from the plane, where the plane holds it fast.
-    Wind { velocity: DVec3, reference: [Parabola; 3], sliding: Option<DVec3> },
+    /// The excess is the potential where the ground is below, less a constant: what the potential does with height
+    /// moves along the ground, and slides.
+    Below { ground: DVec3, constant: [Parabola; 3] },
+    /// The excess is that of a wind.
+    Wind(WindExcess),
 }
 
-/// `a + phase·(b + phase·c)`.
-#[derive(Debug, Clone, Copy)]
-struct Parabola {
-    coefficients: [f64; 3],
+/// A moving obstacle, and what its motion carries along.
+#[derive(Debug, Clone)]
+struct Carrier {
+    motion: RigidSpan,
+    wind: WindExcess,
+    hole: Option<HoleFlux>,
 }
-
-impl Parabola {
-    /// Through the values at phases 0, ½ and 1.
-    fn through(v: [f64; 3]) -> Self {
-        Self { coefficients: [v[0], -3.0 * v[0] + 4.0 * v[1] - v[2], 2.0 * v[0] - 4.0 * v[1] + 2.0 * v[2]] }
-    }
-
-    #[inline(always)]
-    fn at<L: Real>(&self, phase: L) -> L {
-        let [a, b, c] = triple!(i => phase.lit(self.coefficients[i]));
-        phase.mul_add(phase.mul_add(c, b), a)
-    }
-}
-
-/// Where parabolas are taken.
-const PHASES: [f64; 3] = [0.0, 0.5, 1.0];
 
 impl From<Potential> for Source {
     fn from(potential: Potential) -> Self {
@@ -150,32 +142,29 @@ impl Source {
     }
 
     fn wanted_influence(&self, obstacle: &Obstacle) -> f64 {
-        self.influence.or_else(|| self.potential.length()).unwrap_or(obstacle.size())
+        self.influence.or_else(|| self.potential.length()).unwrap_or(obstacle.girth())
     }
 
     fn span(&self, obstacles: &[Obstacle], motions: &[Option<RigidSpan>], start: f64, duration: f64) -> SourceSpan<'_> {
         let mut span =
             SourceSpan { potential: self.potential.span(start, duration), masks: &self.masks, walls: Vec::new() };
         for (obstacle, motion) in obstacles.iter().zip(motions) {
+            let motion = motion.as_ref();
             let influence = obstacle.influence(self.wanted_influence(obstacle));
-            let reference = |phase: f64| motion.map_or(obstacle.reference().to_array(), |motion| motion.center(phase));
-            let hole = obstacle.hole().map(|hole| {
-                (hole, Parabola::through(PHASES.map(|phase| circulation(|p| span.psi(p, phase).value, &hole))))
-            });
+            let hole = obstacle.hole().map(|hole| HoleFlux::new(hole, motion, |p, phase| span.psi(p, phase).value));
             let gauge = match &self.potential {
                 Potential::Uniform { velocity, .. } if self.masks.is_empty() => {
-                    let normal = obstacle.plane_normal();
-                    let across = normal.map_or(*velocity, |n| n * n.dot(*velocity));
-                    let is_fast = obstacle.boundary() == Boundary::NoSlip;
-                    let sliding = normal.filter(|_| is_fast).map(|n| velocity.cross(n));
-                    let references = PHASES.map(reference);
-                    let reference = std::array::from_fn(|i| Parabola::through(references.map(|r| r[i])));
-                    Gauge::Wind { velocity: across, reference, sliding }
+                    Gauge::Wind(WindExcess::new(*velocity, obstacle, motion))
                 }
                 potential => {
                     let share = potential.constant_share(obstacle);
-                    let values = PHASES.map(|phase| span.psi(reference(phase), phase).value);
-                    Gauge::Constant(std::array::from_fn(|c| Parabola::through(values.map(|v| share * v[c]))))
+                    let value = |phase| span.psi(reference_at(obstacle, motion, phase), phase).value;
+                    let constant = std::array::from_fn(|c| Parabola::through(|phase| share * value(phase)[c]));
+                    let is_sliding = obstacle.boundary() == Boundary::Slip && obstacle.solids().len() == 1;
+                    match obstacle.ground().filter(|_| is_sliding && potential.length().is_none()) {
+                        Some(Ground { normal: ground, .. }) => Gauge::Below { ground, constant },
+                        None => Gauge::Constant(constant),
+                    }
                 }
             };
             span.walls.push(SourceWall { influence, gauge, hole });
@@ -218,10 +207,46 @@ impl Potential {
     }
 }
 
+/// Not on a ground.
+const NOWHERE: Scalar<f64> = Scalar { value: 0.0, gradient: [0.0; 3] };
+
+impl Carrier {
+    fn new(obstacle: &Obstacle, motion: RigidSpan) -> Self {
+        let wind = WindExcess::new(motion.velocity(), obstacle, Some(&motion));
+        let mut carrier = Self { motion, wind, hole: None };
+        // What a ring moves is itself: the air in its hole stays where it is, on the whole.
+        carrier.hole = obstacle
+            .hole()
+            .map(|hole| HoleFlux::new(hole, Some(&motion), |p, phase| carrier.psi(p, phase, &NOWHERE).value));
+        carrier
+    }
+
+    /// The potential of the body's own motion (eq. 6 with the corrected linear term), less the flux through its hole.
+    #[inline(always)]
+    fn psi<L: Lane>(&self, p: [L; 3], phase: L, on_ground: &Scalar<L>) -> Psi<L> {
+        let w = self.motion.angular_velocity();
+        let at_rest = [phase.lit(0.0); 3];
+        let turning = rigid(at_rest, triple!(i => phase.lit(w[i])), self.motion.center(phase), p);
+        let body = turning.plus(&self.wind.at(p, phase, on_ground));
+        match &self.hole {
+            Some(hole) => body.minus(&hole.at(Some(&self.motion), p, phase)),
+            None => body,
+        }
+    }
+}
+
 impl SourceSpan<'_> {
     /// The potential with its masks, before there are walls.
-    #[inline(always)]
+    #[inline(never)]
     fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
+        phase.outlined(
+            #[inline(always)]
+            || self.psi_here(p, phase),
+        )
+    }
+
+    #[inline(always)]
+    fn psi_here<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         let lane = |v: &DVec3| -> [L; 3] { triple!(i => phase.lit(v[i])) };
         let mut psi = match &self.potential {
             PotentialSpan::Uniform { velocity, origin } => uniform(lane(velocity), lane(origin), p),
@@ -241,29 +266,35 @@ impl SourceSpan<'_> {
 
     /// What of the potential would pass the wall.
     #[inline(always)]
-    fn excess<L: Lane>(&self, psi: &Psi<L>, near: &NearWall<L>, p: [L; 3], phase: L) -> Psi<L> {
+    fn excess<L: Lane>(
+        &self,
+        psi: &Psi<L>,
+        near: &NearObstacle<L>,
+        motion: Option<&RigidSpan>,
+        p: [L; 3],
+        phase: L,
+    ) -> Psi<L> {
         let own = &self.walls[near.obstacle_idx];
+        let less = |psi: &Psi<L>, constant: &[Parabola; 3]| Psi {
+            value: triple!(c => psi.value[c] - constant[c].at(phase)),
+            jacobian: psi.jacobian,
+        };
         let excess = match &own.gauge {
-            Gauge::Constant(constant) => {
-                let value = triple!(c => psi.value[c] - constant[c].at(phase));
-                Psi { value, jacobian: psi.jacobian }
+            Gauge::Constant(constant) => less(psi, constant),
+            Gauge::Below { ground, constant } => {
+                let (n, height): ([L; 3], L) = (triple!(i => phase.lit(ground[i])), near.distance().value);
+                let below = self.psi(triple!(i => p[i] - height * n[i]), phase);
+                // The point below moves along the ground alone.
+                let jacobian = triple!(c => {
+                    let along = dot(below.jacobian[c], n);
+                    triple!(i => below.jacobian[c][i] - along * n[i])
+                });
+                less(&Psi { value: below.value, jacobian }, constant)
             }
-            Gauge::Wind { velocity, reference, sliding } => {
-                let across = uniform(triple!(i => phase.lit(velocity[i])), triple!(i => reference[i].at(phase)), p);
-                match sliding {
-                    None => across,
-                    Some(sliding) => {
-                        let (w, d) = (triple!(i => phase.lit(sliding[i])), near.distance());
-                        across.plus(&Psi {
-                            value: triple!(c => w[c] * d.value),
-                            jacobian: triple!(c => triple!(i => w[c] * d.gradient[i])),
-                        })
-                    }
-                }
-            }
+            Gauge::Wind(wind) => wind.at(p, phase, near.on_ground()),
         };
         match &own.hole {
-            Some((hole, flux)) => excess.minus(&angle_gradient(hole, p).scaled(flux.at(phase))),
+            Some(hole) => excess.minus(&hole.at(motion, p, phase)),
             None => excess,
         }
     }
@@ -277,7 +308,7 @@ impl VelocityField {
     /// The field of the given potentials round the given obstacles.
     pub fn new(sources: Vec<Source>, obstacles: Vec<Obstacle>) -> Self {
         let of_sources = sources.iter().flat_map(|s| obstacles.iter().map(|o| o.influence(s.wanted_influence(o))));
-        let of_motions = obstacles.iter().map(|o| o.influence(o.size()));
+        let of_motions = obstacles.iter().map(|o| o.influence(o.girth()));
         let notice = of_sources.chain(of_motions).fold(0.0, f64::max) * NOTICE;
         Self { sources, obstacles, notice }
     }
@@ -291,7 +322,8 @@ impl VelocityField {
     pub fn span(&self, start: f64, duration: f64) -> FieldSpan<'_> {
         let motions: Vec<_> = self.obstacles.iter().map(|o| o.span(start, duration)).collect();
         let sources = self.sources.iter().map(|s| s.span(&self.obstacles, &motions, start, duration)).collect();
-        FieldSpan { field: self, sources, motions }
+        let carriers = self.obstacles.iter().zip(&motions).map(|(o, m)| m.map(|m| Carrier::new(o, m))).collect();
+        FieldSpan { field: self, sources, motions, carriers }
     }
 
     /// Velocity [m/s] at a point and a time [s], in double precision: the truth that lanes are held against.
@@ -302,46 +334,6 @@ impl VelocityField {
     /// Signed distance to the closest wall [m] at a time [s]. Of many points ask a [`FieldSpan`].
     pub fn distance(&self, p: [f64; 3], time: f64) -> f64 {
         self.span(time, 0.0).distance(p, 0.0)
-    }
-}
-
-/// ∮ψ·dl/2π round a hole: the flux through it, divided by 2π.
-fn circulation(psi: impl Fn([f64; 3]) -> [f64; 3], hole: &Hole) -> f64 {
-    const POINTS: u32 = 24;
-    let (u, v) = hole.axis.any_orthonormal_pair();
-    // Right-handed about the axis.
-    let v = if u.cross(v).dot(hole.axis) < 0.0 { -v } else { v };
-    (0..POINTS)
-        .map(|i| {
-            let (sin, cos) = (TAU * f64::from(i) / f64::from(POINTS)).sin_cos();
-            let p = hole.center + hole.radius * (u * cos + v * sin);
-            DVec3::from_array(psi(p.to_array())).dot(v * cos - u * sin) * hole.radius / f64::from(POINTS)
-        })
-        .sum()
-}
-
-/// `∇φ`, with φ the angle about the hole's axis: no curl, and circulation 2π, so that times a constant it may be kept on
-/// the wall of a ring and lets a flux through the hole.
-#[inline(always)]
-fn angle_gradient<L: Real>(hole: &Hole, p: [L; 3]) -> Psi<L> {
-    let one = p[0].lit(1.0);
-    let a = triple!(i => one.lit(hole.axis[i]));
-    let r: [L; 3] = triple!(i => p[i] - one.lit(hole.center[i]));
-    let along = dot(a, r);
-    let radial: [L; 3] = triple!(i => r[i] - along * a[i]);
-    // On the axis the ramp is 1, and only finiteness matters.
-    let square = dot(radial, radial).max(one.lit(1e-6 * hole.radius * hole.radius));
-    let inverse = one / square;
-    let turned = cross(a, radial);
-    let zero = one.lit(0.0);
-    // Derivative of a × r: rows of the cross-product matrix of a.
-    let d_turned = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
-    let two = one.lit(2.0);
-    Psi {
-        value: triple!(c => turned[c] * inverse),
-        jacobian: triple!(c => {
-            triple!(i => (d_turned[c][i] - two * turned[c] * radial[i] * inverse) * inverse)
-        }),
     }
 }
 
@@ -363,25 +355,29 @@ impl FieldSpan<'_> {
         for source in &self.sources {
             let psi = source.psi(p, phase);
             let mut v = curl(&psi);
-            for near_wall in near.iter() {
-                let influence = source.walls[near_wall.obstacle_idx].influence;
-                let Some(mut wall) = near_wall.wall(influence) else { continue };
+            let mut first = 0;
+            while let Some(obstacle_idx) = near.obstacle(first) {
+                let influence = source.walls[obstacle_idx].influence;
+                let (found, next) = near.near_obstacle(first, influence);
+                first = next;
+                let Some(mut found) = found else { continue };
                 if source.is_planar() {
                     // Equation 3: a stream function has no part along the normal.
-                    wall.normal = None;
+                    found.wall.normal = None;
                 }
-                let lost = curl(&removed(&source.excess(&psi, near_wall, p, phase), &wall));
+                let motion = self.motions[obstacle_idx].as_ref();
+                let lost = curl(&removed(&source.excess(&psi, &found, motion, p, phase), &found.wall));
                 v = triple!(i => v[i] - lost[i]);
             }
             velocity = triple!(i => velocity[i] + v[i]);
         }
-        for near_wall in near.iter() {
-            let Some(motion) = &self.motions[near_wall.obstacle_idx] else { continue };
-            let obstacle = &self.field.obstacles[near_wall.obstacle_idx];
-            let Some(wall) = near_wall.wall(obstacle.influence(obstacle.size())) else { continue };
-            let (v, w) = (motion.velocity(), motion.angular_velocity());
-            let body = rigid(triple!(i => zero.lit(v[i])), triple!(i => zero.lit(w[i])), motion.center(phase), p);
-            let carried = curl(&removed(&body, &wall));
+        let mut first = 0;
+        while let Some(obstacle_idx) = near.obstacle(first) {
+            let obstacle = &self.field.obstacles[obstacle_idx];
+            let (found, next) = near.near_obstacle(first, obstacle.influence(obstacle.girth()));
+            first = next;
+            let (Some(carrier), Some(found)) = (&self.carriers[obstacle_idx], found) else { continue };
+            let carried = curl(&removed(&carrier.psi(p, phase, found.on_ground()), &found.wall));
             velocity = triple!(i => velocity[i] + carried[i]);
         }
         velocity
@@ -406,28 +402,87 @@ impl FieldSpan<'_> {
         closest.and_then(|(_, motion)| *motion).map_or([0.0; 3], |motion| motion.velocity_at(p, phase))
     }
 
-    /// True when any lane may be inside an obstacle; false when certainly none is, by a margin for rounding.
+    /// How much further than its `way` [m] each lane at the end of the span is at least from all walls [m], as they have
+    /// moved over the span and with a margin for rounding; `None` where that is certainly positive in all lanes. Where it
+    /// is positive the lane is outside and no straight way of that length has passed a wall.
     #[inline(never)]
-    pub fn may_be_inside<L: Lane>(&self, p: [L; 3], phase: L) -> bool {
+    pub fn clearance<L: Lane>(&self, p: [L; 3], way: L) -> Option<L> {
         p[0].outlined(
             #[inline(always)]
-            || self.may_be_inside_here(p, phase),
+            || self.clearance_here(p, way),
         )
     }
 
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn may_be_inside_here<L: Lane>(&self, p: [L; 3], phase: L) -> bool {
+    fn clearance_here<L: Lane>(&self, p: [L; 3], way: L) -> Option<L> {
+        let (end, mut least) = (way.lit(1.0), way.lit(f64::INFINITY));
         for i in 0..self.motions.len() {
             let (obstacle, motion) = (&self.field.obstacles[i], self.motions[i].as_ref());
-            let margin = 1e-3 * obstacle.size();
-            if obstacle.may_be_within(motion, p, phase, margin)
-                && obstacle.distance(motion, p, phase).any_lt(p[0].lit(margin))
-            {
-                return true;
+            let margin = way.mul_add(way.lit(STEEPEST), way.lit(self.wall_travel(i) + 1e-3 * obstacle.size()));
+            if obstacle.may_any_be_within(motion, p, end, margin) {
+                least = least.min(obstacle.distance(motion, p, end) - margin);
             }
         }
-        false
+        if least.any_lt(way.lit(0.0)) { Some(least) } else { None }
+    }
+
+    /// At most how far any point of an obstacle moves over the span [m].
+    #[inline(always)]
+    fn wall_travel(&self, obstacle_idx: usize) -> f64 {
+        match &self.motions[obstacle_idx] {
+            Some(motion) => motion.travel(2.0 * self.field.obstacles[obstacle_idx].size()),
+            None => 0.0,
+        }
+    }
+
+    /// Where a straight step from `from` at `phase` to `to` at the end of the span [m] may end: outside of all obstacles
+    /// and on this side of thin ones; and whether it had to be corrected.
+    #[inline(never)]
+    pub fn settled(&self, from: [f32; 3], to: [f32; 3], phase: f64) -> ([f32; 3], bool) {
+        let (end, moved) = self.pushed_out(to, 1.0);
+        match self.crossing(from, end, phase) {
+            Some(inside) => (self.pushed_out(inside, 1.0).0, true),
+            None => (end, moved),
+        }
+    }
+
+    /// The first point inside an obstacle on the straight way between two points on opposite sides of it; `None` where
+    /// there is none, or where the way begins inside.
+    fn crossing(&self, from: [f32; 3], to: [f32; 3], phase: f64) -> Option<[f32; 3]> {
+        /// Walls thinner than this share of the way may be missed.
+        const FINEST: f64 = 1.0 / 64.0;
+        let [a, b] = [from, to].map(|p| DVec3::from_array(p.map(f64::from)));
+        let travel = (0..self.motions.len()).map(|i| self.wall_travel(i)).fold(0.0, f64::max);
+        let way = STEEPEST * (b - a).length() + travel;
+        let distance = |t: f64| self.distance(a.lerp(b, t).to_array(), phase + t * (1.0 - phase));
+        let mut d = distance(0.0);
+        if d < 0.0 || d + distance(1.0) > way {
+            return None;
+        }
+        let mut t = 0.0;
+        loop {
+            t += (d / way).max(FINEST);
+            if t >= 1.0 {
+                return None;
+            }
+            d = distance(t);
+            if d < 0.0 {
+                let inside = a.lerp(b, t);
+                return self.is_between(inside, a, b, phase).then(|| inside.as_vec3().to_array());
+            }
+        }
+    }
+
+    /// Whether `a` and `b` are on opposite sides of an obstacle that holds `inside`. The chord of a path round a convex
+    /// wall is inside it too, and its ends are on the same side.
+    fn is_between(&self, inside: DVec3, a: DVec3, b: DVec3, phase: f64) -> bool {
+        self.field.obstacles.iter().zip(&self.motions).any(|(obstacle, motion)| {
+            let motion = motion.as_ref();
+            let away = |p: DVec3, phase: f64| obstacle.gradient(motion, p.to_array(), phase);
+            let is_inside = [phase, 1.0].iter().any(|&t| obstacle.distance(motion, inside.to_array(), t) < 0.0);
+            is_inside && away(a, phase).dot(away(b, 1.0)) < 0.0
+        })
     }
 
     /// The point moved out of all obstacles if it is inside one, just beyond the wall, and whether it moved. A point that

@@ -123,6 +123,11 @@ impl Block {
         Self::new(&thick, to_lattice, offset.with_z(f64::from(BORDER)))
     }
 
+    /// Bytes of samples that [`Block::flat`] makes of a layer of this size.
+    pub fn flat_memory_bytes(dims: UVec3) -> u64 {
+        Self::memory_bytes(dims.with_z(2 * BORDER + 1))
+    }
+
     /// Bytes of samples that [`Block::new`] makes of a lattice of this size.
     pub fn memory_bytes(dims: UVec3) -> u64 {
         (dims + 2 * BORDER + 2).as_u64vec3().element_product() * 12

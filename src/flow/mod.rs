@@ -4,6 +4,7 @@ pub mod curl;
 pub mod elements;
 pub mod field;
 pub mod flow_noise;
+pub mod gauge;
 pub mod mask;
 pub mod noise;
 pub mod obstacles;
@@ -21,11 +22,13 @@ use crate::flow::obstacles::{Boundary, Wall, build_obstacles};
 use crate::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
 use crate::flow::vortex::{Vortex, smooth_curve};
 use crate::geometry::primitive::{Cuboid, Primitive, Sphere};
+use crate::geometry::sdf::PlacedSdf;
 use crate::geometry::{Geometry, Shape};
 use crate::math::hash::Seed;
 use crate::math::lattice::Lattice;
 use crate::scene::{Scene, settings};
 use glam::{DMat3, DVec3};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -80,6 +83,16 @@ pub enum FlowError {
     /// The file of a mask could not be read.
     #[error("{0}")]
     MaskFile(String),
+    /// Two containers have no place in common.
+    #[error(
+        "the containers `{a}` and `{b}` have no place in common, and the flow must be inside all of them; keep one"
+    )]
+    Apart {
+        /// The one.
+        a: String,
+        /// The other.
+        b: String,
+    },
 }
 
 struct Builder<'a> {
@@ -97,9 +110,18 @@ impl VelocityField {
         let builder = Builder { scene, geometry, files };
         let seed = Seed(scene.settings.smoke_seed()).derive(NOISE_KEYS);
         let mut sources = Vec::new();
-        for (i, potential) in scene.settings.flow.potentials.iter().enumerate() {
-            sources.extend(builder.sources(potential, seed.derive(i as u64))?);
+        // Terms of the same seed differ by their order among themselves: what stands between them changes no pattern.
+        let mut twins: BTreeMap<u64, u64> = BTreeMap::new();
+        for potential in &scene.settings.flow.potentials {
+            let mut own = seed;
+            if let settings::Potential::Noise(noise) = potential {
+                let twin = twins.entry(noise.seed).or_default();
+                own = seed.derive(*twin);
+                *twin += 1;
+            }
+            sources.extend(builder.sources(potential, own)?);
         }
+        builder.check_containers()?;
         Ok(Self::new(sources, build_obstacles(builder.walls())))
     }
 }
@@ -124,6 +146,20 @@ impl Builder<'_> {
                 })
             })
             .collect()
+    }
+
+    /// An error where the flow would have to be inside two solids that have no place in common.
+    fn check_containers(&self) -> Result<(), FlowError> {
+        let named = self.scene.settings.flow.containers.iter();
+        let boxes: Vec<_> = named.filter_map(|name| Some((name, self.shape(name)?.sdf.as_ref()?.bounds()?))).collect();
+        for (i, (b, of_b)) in boxes.iter().enumerate() {
+            for (a, of_a) in &boxes[..i] {
+                if of_a.min.cmpgt(of_b.max).any() || of_b.min.cmpgt(of_a.max).any() {
+                    return Err(FlowError::Apart { a: a.to_string(), b: b.to_string() });
+                }
+            }
+        }
+        Ok(())
     }
 
     fn sources(&self, potential: &settings::Potential, seed: Seed) -> Result<Vec<Source>, FlowError> {
@@ -191,7 +227,7 @@ impl Builder<'_> {
             settings::Mask::Wake(m) => match self.shape(&m.shape).and_then(|shape| shape.sdf.as_ref()) {
                 Some(sdf) => Mask::Wake(Wake {
                     center: sdf.center().0.as_dvec3(),
-                    radius: f64::from(sdf.bounding_radius()),
+                    radius: m.radius.unwrap_or_else(|| girth(sdf)),
                     direction: v(m.direction).normalize(),
                     length: m.length,
                     spread: m.spread,
@@ -230,6 +266,14 @@ impl Builder<'_> {
             }
         })
     }
+}
+
+/// Half the middle extent of a solid's box [m]; 1 where it has no end.
+fn girth(sdf: &PlacedSdf) -> f64 {
+    let Some(bounds) = sdf.bounds() else { return 1.0 };
+    let mut half = (0.5 * bounds.size().as_dvec3()).to_array();
+    half.sort_by(f64::total_cmp);
+    half[1]
 }
 
 fn curve(settings: &settings::VortexCurve) -> Vortex {

@@ -5,27 +5,24 @@
 //! dimensions). The reference point is the obstacle's middle, drawn towards the gaps to its neighbours: the difference
 //! of two obstacles' constants is the flow through their gap, which so stays near the free stream's and does not jet.
 //!
-//! Obstacles that touch, overlap or leave a gap below [`SLIT`] are one: their distances are joined by Rvachev's
-//! conjunction, which has the same walls and no ridge between them, equation 3 takes the place of equation 5 (the joint
-//! normal is not smooth where they meet), and the flow between them dies down.
+//! Solids that touch, overlap or leave a gap below [`SLIT`] are one obstacle with one constant: their ramps are
+//! multiplied, which has the same walls and no ridge between them, equation 3 takes the place of equation 5 (the joint
+//! normal is not smooth where they meet), and the flow between them dies down. The faces of a box that holds the flow
+//! are such solids too.
 
-use crate::flow::ramp::{UnitNormal, smooth_min, unit_normal};
-use crate::geometry::motion::{Motion, RigidSpan};
+use crate::flow::ramp::{UnitNormal, unit_normal};
+use crate::geometry::motion::{Motion, RigidSpan, turned_derivatives};
 use crate::geometry::primitive::{HalfSpace, Primitive};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
-use crate::math::aabb::Aabb;
 use crate::math::jet::Scalar;
 use crate::math::real::{Lane, dot, triple};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
 /// Gaps below this share of the smaller neighbour's size are closed.
 const SLIT: f64 = 0.05;
 /// The influence of an obstacle without size, such as the ground, where the settings leave it open [m].
 const ENDLESS_INFLUENCE: f64 = 1.0;
-/// A box whose rounding is below this share of its shortest half edge has sharp edges: near them its normal turns so
-/// fast that equation 5 would make a spike, and equation 3 is used.
-const SHARP_ROUNDING: f64 = 0.5;
 /// Share of the way to an obstacle's own ridge at which its influence must have ended.
 const REACH_USED: f64 = 0.8;
 
@@ -62,18 +59,38 @@ impl From<Arc<PlacedSdf>> for Wall {
 #[derive(Debug, Clone)]
 pub struct Obstacle {
     solids: Vec<Arc<PlacedSdf>>,
+    /// Middle and half size of a box around each solid, in every pose; `None` of those that have no end.
+    boxes: Vec<Option<(DVec3, DVec3)>>,
     motion: Option<Arc<Motion>>,
     boundary: Boundary,
     is_container: bool,
     reference: DVec3,
     size: f64,
+    girth: f64,
     reach: f64,
+    is_endless: bool,
     /// Whether equation 5 applies; equation 3 otherwise.
     has_smooth_normal: bool,
-    plane_normal: Option<DVec3>,
+    ground: Option<Ground>,
+    spread: Spread,
     hole: Option<Hole>,
-    /// Middle and half size of a box around, in every pose; `None` where there is no end.
-    bounds: Option<(DVec3, DVec3)>,
+}
+
+/// The half space among the solids of an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ground {
+    /// Which solid.
+    pub solid_idx: usize,
+    /// Out of it, length 1.
+    pub normal: DVec3,
+}
+
+/// How far a body reaches along its own axes: columns of length 1, and half its size along each [m]. Of a half space,
+/// which has no size, 0 along the normal and 1 across.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Spread {
+    axes: DMat3,
+    half: DVec3,
 }
 
 /// A hole through which an obstacle lets the flow pass.
@@ -87,34 +104,113 @@ pub struct Hole {
     pub radius: f64,
 }
 
+impl Spread {
+    const EVEN: Self = Self { axes: DMat3::IDENTITY, half: DVec3::ONE };
+
+    fn of(solid: &PlacedSdf) -> Self {
+        let turn = DMat3::from_quat(solid.placement().rotation.as_dquat());
+        let about = |axis: DVec3, along: f64, across: f64| {
+            let axis = (turn * axis).normalize();
+            let (u, v) = axis.any_orthonormal_pair();
+            Self { axes: DMat3::from_cols(axis, u, v), half: DVec3::new(along, across, across) }
+        };
+        let own = match solid.sdf() {
+            Sdf::Primitive(Primitive::Sphere(s)) => Self { half: DVec3::splat(s.radius), ..Self::EVEN },
+            Sdf::Primitive(Primitive::Cuboid(c)) => Self { axes: turn, half: c.half_size },
+            Sdf::Primitive(Primitive::Capsule(c)) => {
+                let along = c.end - c.start;
+                about(along.normalize_or(DVec3::Y), 0.5 * along.length() + c.radius, c.radius)
+            }
+            Sdf::Primitive(Primitive::Torus(t)) => about(t.axis, t.minor_radius, t.major_radius + t.minor_radius),
+            Sdf::Primitive(Primitive::HalfSpace(h)) => about(h.normal, 0.0, 1.0),
+            Sdf::Mesh(mesh) => Self { axes: turn, half: 0.5 * mesh.bounds().size().as_dvec3() },
+        };
+        Self { half: own.half * f64::from(solid.placement().scale), ..own }
+    }
+}
+
+impl Spread {
+    /// Half sizes along the axes of a body that stands on a ground with the given normal, as seen from the point of the
+    /// ground below its middle, which is at `middle` from any point of the ground.
+    fn on_ground(&self, normal: DVec3, middle: DVec3) -> Self {
+        let along = |axis: DVec3| (self.axes.transpose() * axis).abs().dot(self.half);
+        let (u, v) = normal.any_orthonormal_pair();
+        let height = normal.dot(middle).abs() + along(normal);
+        Self { axes: DMat3::from_cols(normal, u, v), half: DVec3::new(height, along(u), along(v)) }
+    }
+
+    /// The middle one of the half sizes: how far round a bar, a plate or a lump the flow must give way.
+    fn girth(&self) -> f64 {
+        let [x, y, z] = self.half.to_array();
+        x.max(y).min(x.max(z)).min(y.max(z))
+    }
+}
+
 impl Obstacle {
     fn new(walls: &[&Wall]) -> Self {
-        let solids: Vec<Arc<PlacedSdf>> = walls.iter().map(|wall| wall.sdf.clone()).collect();
+        let given: Vec<Arc<PlacedSdf>> = walls.iter().map(|wall| wall.sdf.clone()).collect();
         let first = walls[0];
-        let bounded: Vec<_> = solids.iter().filter(|s| s.bounds().is_some()).collect();
-        let is_endless = bounded.len() < solids.len();
-        let middle = |s: &PlacedSdf| s.center().0.as_dvec3();
-        let bounds = bounded.iter().filter_map(|s| s.bounds()).reduce(|a, b| a.union(&b));
-        let reference = bounds.map_or_else(|| middle(&solids[0]), |b| b.center().as_dvec3());
-        let is_plain = solids.len() == 1 && first.motion.is_none() && !first.is_container;
-        let half_size = |b: &Aabb| {
-            let half = 0.5 * b.size().as_dvec3();
-            // Whichever way it turns.
-            if first.motion.is_some() { DVec3::splat(half.length()) } else { half }
+        let bounds = given.iter().filter_map(|s| s.bounds()).reduce(|a, b| a.union(&b));
+        let is_endless = given.iter().any(|s| s.bounds().is_none());
+        let is_plain = first.motion.is_none() && !first.is_container;
+        let solids: Vec<_> = if first.is_container { given.iter().flat_map(container_walls).collect() } else { given };
+        let ground = solids.iter().enumerate().find_map(|(solid_idx, solid)| match solid.sdf() {
+            Sdf::Primitive(Primitive::HalfSpace(h)) if is_plain => {
+                let normal = (solid.placement().rotation.as_dquat() * h.normal).normalize();
+                Some(Ground { solid_idx, normal })
+            }
+            _ => None,
+        });
+        let own_spread = match (bounds, solids.as_slice()) {
+            (_, [solid]) => Spread::of(solid),
+            (Some(b), _) => Spread { axes: DMat3::IDENTITY, half: 0.5 * b.size().as_dvec3() },
+            (None, _) => Spread::EVEN,
         };
-        Self {
-            reference,
+        let spread = match (&ground, bounds) {
+            (Some(ground), Some(b)) if first.boundary == Boundary::Slip => {
+                let foot = solids[ground.solid_idx].center().0.as_dvec3();
+                own_spread.on_ground(ground.normal, b.center().as_dvec3() - foot)
+            }
+            (Some(ground), Some(_)) => Spread::of(&solids[ground.solid_idx]),
+            _ => own_spread,
+        };
+        let boxes = solids.iter().map(|solid| {
+            let bounds = solid.bounds().filter(|_| !first.is_container)?;
+            let half = 0.5 * bounds.size().as_dvec3();
+            // Whichever way it turns.
+            let half = if first.motion.is_some() { DVec3::splat(half.length()) } else { half };
+            Some((bounds.center().as_dvec3(), half))
+        });
+        let mut obstacle = Self {
+            reference: bounds.map_or_else(|| solids[0].center().0.as_dvec3(), |b| b.center().as_dvec3()),
             size: bounds.map_or(ENDLESS_INFLUENCE, |b| 0.5 * f64::from(b.size().max_element())),
-            reach: solids.iter().map(|s| reach(s, first.is_container)).fold(f64::INFINITY, f64::min),
+            reach: walls.iter().map(|wall| reach(&wall.sdf, first.is_container)).fold(f64::INFINITY, f64::min),
+            is_endless,
             has_smooth_normal: solids.len() == 1 && has_smooth_normal(&solids[0]),
-            plane_normal: if is_plain { plane_normal(&solids[0]) } else { None },
-            hole: if is_plain { hole(&solids[0]) } else { None },
-            bounds: bounds.filter(|_| !is_endless).map(|b| (b.center().as_dvec3(), half_size(&b))),
+            hole: if solids.len() == 1 && !first.is_container { hole(&solids[0]) } else { None },
+            boxes: boxes.collect(),
             motion: first.motion.clone(),
             boundary: first.boundary,
             is_container: first.is_container,
-            solids: if first.is_container { solids.iter().flat_map(container_walls).collect() } else { solids },
-        }
+            girth: bounds.map_or(ENDLESS_INFLUENCE, |_| own_spread.girth()),
+            ground,
+            spread,
+            solids,
+        };
+        obstacle.set_reference(obstacle.reference);
+        obstacle
+    }
+
+    /// The reference point, or of what has a ground the point of the ground below it: there the potentials of winds along
+    /// the ground are zero all over it.
+    fn set_reference(&mut self, reference: DVec3) {
+        self.reference = match self.ground {
+            Some(Ground { solid_idx, normal }) => {
+                let height = normal.dot(reference - self.solids[solid_idx].center().0.as_dvec3());
+                reference - height * normal
+            }
+            None => reference,
+        };
     }
 
     /// Where the obstacle's constants are taken.
@@ -127,9 +223,14 @@ impl Obstacle {
         self.size
     }
 
+    /// Half its middle extent [m], which is the influence it has by default.
+    pub fn girth(&self) -> f64 {
+        self.girth
+    }
+
     /// True where the obstacle has no end.
     pub fn is_endless(&self) -> bool {
-        self.bounds.is_none()
+        self.is_endless
     }
 
     /// The influence radius that comes of a wanted one [m]: it ends before the obstacle's own ridge.
@@ -137,12 +238,32 @@ impl Obstacle {
         wanted.min(REACH_USED * self.reach)
     }
 
-    /// The direction out of a half space that stands alone.
-    pub fn plane_normal(&self) -> Option<DVec3> {
-        self.plane_normal
+    /// The half space among its solids, where it rests.
+    pub fn ground(&self) -> Option<Ground> {
+        self.ground
     }
 
-    /// The hole of a ring that stands alone.
+    /// Derivatives `[c][i]` of the linear potential with the curl `velocity` [m/s] whose square is smallest on the body,
+    /// turned by `rotation`.
+    ///
+    /// With half sizes hᵢ the curl along axis k is `M[j][i] − M[i][j]`, (i, j, k) cyclic, and of all such pairs the one
+    /// with the least `M[j][i]²·hᵢ² + M[i][j]²·hⱼ²` has the shares `hⱼ²` and `hᵢ²`: a wind across a bar becomes
+    /// a potential along the bar alone, which is as small at its ends as in its middle.
+    pub fn wind_potential(&self, velocity: DVec3, rotation: DMat3) -> [[f64; 3]; 3] {
+        let axes = rotation * self.spread.axes;
+        let (v, h) = (axes.transpose() * velocity, self.spread.half * self.spread.half);
+        let mut own = DMat3::ZERO;
+        for k in 0..3 {
+            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+            let share = if h[i] + h[j] > 0.0 { h[j] / (h[i] + h[j]) } else { 0.5 };
+            own.col_mut(i)[j] = v[k] * share;
+            own.col_mut(j)[i] = -v[k] * (1.0 - share);
+        }
+        let world = axes * own * axes.transpose();
+        std::array::from_fn(|c| std::array::from_fn(|i| world.col(i)[c]))
+    }
+
+    /// The hole of a ring that stands alone, where it rests.
     pub fn hole(&self) -> Option<Hole> {
         self.hole
     }
@@ -162,16 +283,35 @@ impl Obstacle {
         &self.solids
     }
 
-    /// False when every lane is certainly further away than `margin` [m]. `motion` and `phase` say where it is.
+    /// False when every lane is certainly further away than `margin` [m] from a solid of the obstacle. `motion` and
+    /// `phase` say where it is.
     #[inline(always)]
-    pub fn may_be_within<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L, margin: f64) -> bool {
-        let Some((middle, half)) = self.bounds.filter(|_| !self.is_container) else { return true };
+    pub fn may_be_within<L: Lane>(
+        &self,
+        solid_idx: usize,
+        motion: Option<&RigidSpan>,
+        p: [L; 3],
+        phase: L,
+        margin: L,
+    ) -> bool {
+        let Some((middle, half)) = self.boxes[solid_idx] else { return true };
         let middle = match motion {
             Some(motion) => motion.center(phase),
             None => triple!(i => p[i].lit(middle[i])),
         };
         let outside: [L; 3] = triple!(i => (p[i] - middle[i]).abs() - p[i].lit(half[i]));
-        outside[0].max(outside[1]).max(outside[2]).any_lt(p[0].lit(margin))
+        outside[0].max(outside[1]).max(outside[2]).any_lt(margin)
+    }
+
+    /// As [`Obstacle::may_be_within`] for any of the solids.
+    #[inline(always)]
+    pub fn may_any_be_within<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L, margin: L) -> bool {
+        for solid_idx in 0..self.solids.len() {
+            if self.may_be_within(solid_idx, motion, p, phase, margin) {
+                return true;
+            }
+        }
+        false
     }
 
     /// Signed distance [m], negative where the flow must not be.
@@ -204,54 +344,46 @@ impl Obstacle {
         self.is_container && self.solids.len() == 1
     }
 
-    /// Signed distance [m] with its gradient, and the normal with its derivatives where equation 5 applies.
+    /// Signed distance [m] of a solid with its gradient, and the normal with its derivatives where equation 5 applies.
     #[inline(always)]
-    pub fn wall<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L) -> (Scalar<L>, Option<UnitNormal<L>>) {
+    pub fn wall<L: Lane>(
+        &self,
+        solid_idx: usize,
+        motion: Option<&RigidSpan>,
+        p: [L; 3],
+        phase: L,
+    ) -> (Scalar<L>, Option<UnitNormal<L>>) {
         let (rest, m) = match motion {
             Some(motion) => motion.to_rest(p, phase),
             None => (p, [p; 3]),
         };
-        let (distance, normal) = self.wall_at_rest(rest);
+        let (distance, normal) = self.wall_at_rest(solid_idx, rest);
         if motion.is_none() {
             return (distance, normal);
         }
         let turned = |v: [L; 3]| -> [L; 3] { triple!(i => dot(m[i], v)) };
-        let normal = normal.map(|(n, d)| {
-            // Mᵀ on the right: how the normal changes along the axes of the world.
-            let along: [[L; 3]; 3] = triple!(c => triple!(i => dot(d[c], m[i])));
-            let columns: [[L; 3]; 3] = triple!(i => turned([along[0][i], along[1][i], along[2][i]]));
-            (turned(n), triple!(c => triple!(i => columns[i][c])))
-        });
+        let normal = normal.map(|(n, d)| (turned(n), turned_derivatives(&d, &m)));
         (Scalar { value: distance.value, gradient: turned(distance.gradient) }, normal)
     }
 
     #[inline(always)]
-    fn wall_at_rest<L: Lane>(&self, p: [L; 3]) -> (Scalar<L>, Option<UnitNormal<L>>) {
+    fn wall_at_rest<L: Lane>(&self, solid_idx: usize, p: [L; 3]) -> (Scalar<L>, Option<UnitNormal<L>>) {
+        let solid = &self.solids[solid_idx];
         if self.has_smooth_normal
-            && let Some(jet) = self.solids[0].jet(p)
+            && let Some(jet) = solid.jet(p)
         {
             let jet = if self.is_inverted() { -jet } else { jet };
             return (jet.scalar(), Some(unit_normal(&jet)));
         }
-        let mut joint: Option<Scalar<L>> = None;
-        for solid in &self.solids {
-            let mut own = solid.at(p);
-            if self.is_inverted() {
-                own = Scalar { value: -own.value, gradient: triple!(i => -own.gradient[i]) };
-            }
-            joint = Some(match joint {
-                None => own,
-                Some(a) => {
-                    let (value, da, db) = smooth_min(a.value, own.value);
-                    Scalar { value, gradient: triple!(i => da.mul_add(a.gradient[i], db * own.gradient[i])) }
-                }
-            });
+        let own = solid.at(p);
+        if self.is_inverted() {
+            return (Scalar { value: -own.value, gradient: triple!(i => -own.gradient[i]) }, None);
         }
-        (joint.expect("an obstacle has a solid"), None)
+        (own, None)
     }
 }
 
-/// What a container is made of: a box of six half spaces, whose distances join smoothly where the box's own has a ridge
+/// What a container is made of: a box of six half spaces, whose ramps multiply where the box's own distance has a ridge
 /// from each edge inwards; anything else of itself.
 fn container_walls(solid: &Arc<PlacedSdf>) -> Vec<Arc<PlacedSdf>> {
     let Sdf::Primitive(Primitive::Cuboid(cuboid)) = solid.sdf() else { return vec![solid.clone()] };
@@ -279,17 +411,10 @@ fn reach(solid: &PlacedSdf, is_container: bool) -> f64 {
 
 fn has_smooth_normal(solid: &PlacedSdf) -> bool {
     match solid.sdf() {
-        Sdf::Primitive(Primitive::Cuboid(c)) => c.rounding >= SHARP_ROUNDING * c.half_size.min_element(),
-        Sdf::Primitive(_) => true,
-        // A sampled distance turns within a sample's width at edges and creases.
-        Sdf::Mesh(_) => false,
-    }
-}
-
-fn plane_normal(solid: &PlacedSdf) -> Option<DVec3> {
-    match solid.sdf() {
-        Sdf::Primitive(Primitive::HalfSpace(h)) => Some((solid.placement().rotation.as_dquat() * h.normal).normalize()),
-        _ => None,
+        // Equation 5 differentiates the normal, which must change smoothly for the velocity not to jump: a capsule's bends
+        // suddenly where its caps begin, a rounded box's where the rounding does, a mesh's at every edge.
+        Sdf::Primitive(Primitive::Sphere(_) | Primitive::Torus(_) | Primitive::HalfSpace(_)) => true,
+        Sdf::Primitive(Primitive::Cuboid(_) | Primitive::Capsule(_)) | Sdf::Mesh(_) => false,
     }
 }
 
@@ -395,7 +520,7 @@ pub fn build_obstacles(walls: impl IntoIterator<Item: Into<Wall>>) -> Vec<Obstac
                     total += weight;
                 }
             }
-            obstacle.reference = sum / total;
+            obstacle.set_reference(sum / total);
             obstacle
         })
         .collect()
@@ -404,7 +529,7 @@ pub fn build_obstacles(walls: impl IntoIterator<Item: Into<Wall>>) -> Vec<Obstac
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::primitive::Sphere;
+    use crate::geometry::primitive::{Capsule, Sphere};
     use crate::math::space::Similarity;
 
     fn sphere(x: f64, radius: f64) -> Arc<PlacedSdf> {
@@ -445,13 +570,27 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_distance_is_zero_on_both_walls() {
-        let obstacle = &build_obstacles(vec![sphere(0.0, 1.0), sphere(1.5, 1.0)])[0];
-        assert!(!obstacle.has_smooth_normal);
-        for p in [[-1.0, 0.0, 0.0], [2.5, 0.0, 0.0], [0.0, 1.0, 0.0]] {
-            assert!(obstacle.wall::<f64>(None, p, 0.0).0.value.abs() < 1e-12);
+    fn solids_that_act_as_one_have_no_normal_of_their_own_and_the_ground_keeps_its_reference() {
+        let obstacle = &build_obstacles(vec![sphere(0.0, 1.0), sphere(1.5, 1.0), ground(-1.0)])[0];
+        assert!(!obstacle.has_smooth_normal && obstacle.is_endless());
+        assert_eq!(obstacle.ground().unwrap(), Ground { solid_idx: 2, normal: DVec3::Y });
+        assert!((obstacle.reference().y + 1.0).abs() < 1e-6, "{}", obstacle.reference());
+    }
+
+    #[test]
+    fn the_potential_of_a_wind_has_its_curl_and_stays_small_on_slender_bodies() {
+        let bar = Capsule { start: DVec3::Y * -3.0, end: DVec3::Y * 3.0, radius: 0.05 };
+        let bar = Arc::new(PlacedSdf::new(Sdf::Primitive(Primitive::Capsule(bar)), Similarity::IDENTITY));
+        let obstacle = &build_obstacles(vec![bar])[0];
+        let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.8);
+        for velocity in DVec3::AXES {
+            let m = obstacle.wind_potential(velocity, turn);
+            let curl = DVec3::new(m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]);
+            assert!(curl.distance(velocity) < 1e-12, "{curl}");
+            // At the end of the bar, which is 3 m from the middle.
+            let end = turn * DVec3::new(0.05, 3.0, 0.0);
+            let value = DVec3::from_array(m.map(|row| DVec3::from_array(row).dot(end)));
+            assert!(value.length() < 0.06, "{velocity}: {value}");
         }
-        assert!(obstacle.wall(None, [0.75f64, 0.0, 0.0], 0.0).0.value < 0.0);
-        assert!(obstacle.wall(None, [0.75f64, 1.5, 0.0], 0.0).0.value > 0.0);
     }
 }

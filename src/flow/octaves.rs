@@ -81,8 +81,8 @@ pub struct Octave {
 enum Time {
     /// Their gradients turn, so many times a second.
     Spin(f64),
-    /// They give way to others, so many times a second.
-    Evolve(f64),
+    /// They give way to others, so many times a second, and have done so for a random part of a time before.
+    Evolve { rate: f64, before: f64 },
 }
 
 /// An [`Octave`] over a span of time.
@@ -120,17 +120,18 @@ pub fn octaves(settings: &OctavesSettings) -> Vec<Octave> {
             Octave {
                 length,
                 amplitude: speed * length / RMS_SPEED,
-                time: if settings.evolve_rate > 0.0 {
-                    Time::Evolve(settings.evolve_rate * frequency)
-                } else {
-                    Time::Spin(settings.spin_rate * frequency)
-                },
                 planar: settings.planar.map(DVec3::normalize),
                 scroll: settings.scroll,
                 offset: settings.offset,
                 axes: random_axes(&mut rng),
                 origin: std::array::from_fn(|_| f64::from(rng.next_u32() >> 12) + f64::from(rng.uniform())),
                 seed: [rng.next_u32(), rng.next_u32()],
+                // One octave lingers while another hurries: without the random part all would at the same moments.
+                time: if settings.evolve_rate > 0.0 {
+                    Time::Evolve { rate: settings.evolve_rate * frequency, before: f64::from(rng.uniform()) }
+                } else {
+                    Time::Spin(settings.spin_rate * frequency)
+                },
             }
         })
         .collect()
@@ -175,8 +176,8 @@ impl Octave {
             motion: scroll.map(|x| x * duration),
             change: match self.time {
                 Time::Spin(rate) => Change::Spin { start: Spin::from_turns(rate * start), turns: rate * duration },
-                Time::Evolve(rate) => {
-                    let now = rate * start;
+                Time::Evolve { rate, before } => {
+                    let now = rate * start + before;
                     Change::Evolve { step: now.floor() as i64 as u32, start: now - now.floor(), more: rate * duration }
                 }
             },

@@ -17,13 +17,13 @@ use crate::math::real::{Lane, triple};
 /// radius the clearance, which fades out, still ends before the ridge.
 pub const NOTICE: f64 = 4.0;
 /// Places on the stack; more walls than this near one point go to the heap.
-const INLINE: usize = 6;
+const INLINE: usize = 8;
 
-/// One wall near a point.
+/// One solid of an obstacle near a point.
 #[derive(Debug, Clone, Copy)]
-pub struct NearWall<L> {
-    /// Which obstacle.
-    pub obstacle_idx: usize,
+struct NearWall<L> {
+    obstacle_idx: usize,
+    is_ground: bool,
     distance: Scalar<L>,
     normal: Option<UnitNormal<L>>,
     boundary: Boundary,
@@ -31,11 +31,23 @@ pub struct NearWall<L> {
     room: Option<Scalar<L>>,
 }
 
-/// The walls near a point (or near any of a batch of points).
+/// The walls near a point (or near any of a batch of points), those of an obstacle one after another.
 #[derive(Debug)]
 pub struct NearWalls<L> {
     inline: [Option<NearWall<L>>; INLINE],
     spilled: Vec<NearWall<L>>,
+    count: usize,
+}
+
+/// An obstacle as a potential meets it.
+#[derive(Debug, Clone, Copy)]
+pub struct NearObstacle<L> {
+    /// Which.
+    pub obstacle_idx: usize,
+    /// The ramps of its walls, multiplied.
+    pub wall: WallRamp<L>,
+    distance: Scalar<L>,
+    on_ground: Scalar<L>,
 }
 
 impl<L: Lane> NearWalls<L> {
@@ -52,40 +64,75 @@ impl<L: Lane> NearWalls<L> {
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn find_here(obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) -> Self {
-        let mut walls = Self { inline: [None; INLINE], spilled: Vec::new() };
-        let mut count = 0;
+        let mut walls = Self { inline: [None; INLINE], spilled: Vec::new(), count: 0 };
         for obstacle_idx in 0..obstacles.len() {
             let (obstacle, motion) = (&obstacles[obstacle_idx], motions[obstacle_idx].as_ref());
-            if !obstacle.may_be_within(motion, p, phase, notice) {
-                continue;
+            let ground_idx = obstacle.ground().map(|ground| ground.solid_idx);
+            for solid_idx in 0..obstacle.solids().len() {
+                if !obstacle.may_be_within(solid_idx, motion, p, phase, p[0].lit(notice)) {
+                    continue;
+                }
+                let (distance, normal) = obstacle.wall(solid_idx, motion, p, phase);
+                if !distance.value.any_lt(p[0].lit(notice)) {
+                    continue;
+                }
+                let (is_ground, boundary) = (ground_idx == Some(solid_idx), obstacle.boundary());
+                walls.push(NearWall { obstacle_idx, is_ground, distance, normal, boundary, room: None });
             }
-            let (distance, normal) = obstacle.wall(motion, p, phase);
-            if !distance.value.any_lt(p[0].lit(notice)) {
-                continue;
-            }
-            let boundary = obstacle.boundary();
-            let wall = NearWall { obstacle_idx, distance, normal, boundary, room: None };
-            if count < INLINE {
-                walls.inline[count] = Some(wall);
-            } else {
-                walls.spilled.push(wall);
-            }
-            count += 1;
         }
         // Not `count > 1`: which walls are near depends on the whole batch, and no lane may depend on its neighbours.
         if obstacles.len() > 1 {
-            for i in 0..count {
-                let room = walls.room(i, count, notice);
+            for i in 0..walls.count {
+                let room = walls.room(i, notice);
                 walls.at_mut(i).room = Some(room);
             }
         }
         walls
     }
 
-    /// All of them.
+    /// The obstacle of the walls that begin with number `first`; `None` after the last.
     #[inline(always)]
-    pub fn iter(&self) -> impl Iterator<Item = &NearWall<L>> {
-        self.inline.iter().flatten().chain(&self.spilled)
+    pub fn obstacle(&self, first: usize) -> Option<usize> {
+        if first < self.count { Some(self.at(first).obstacle_idx) } else { None }
+    }
+
+    /// The obstacle of the walls that begin with number `first` as a potential of influence radius `influence` [m] meets
+    /// it, or `None` where its ramp is 1 in all lanes; and the number of the first wall of the next obstacle.
+    #[inline(always)]
+    pub fn near_obstacle(&self, first: usize, influence: f64) -> (Option<NearObstacle<L>>, usize) {
+        let start = self.at(first);
+        let obstacle_idx = start.obstacle_idx;
+        let one = start.distance.value.lit(1.0);
+        let unbent = Scalar { value: one, gradient: [one.lit(0.0); 3] };
+        // The ramps of all walls, and of all but the ground.
+        let (mut alpha, mut on_ground) = (unbent, unbent);
+        let (mut is_bent, mut next) = (false, first);
+        while next < self.count && self.at(next).obstacle_idx == obstacle_idx {
+            let wall = self.at(next);
+            if let Some(own) = wall.ramp(influence) {
+                alpha = if is_bent { alpha.times(&own) } else { own };
+                is_bent = true;
+                if !wall.is_ground {
+                    on_ground = on_ground.times(&own);
+                }
+            }
+            next += 1;
+        }
+        if !is_bent {
+            return (None, next);
+        }
+        let wall = WallRamp { alpha, normal: start.tangential() };
+        (Some(NearObstacle { obstacle_idx, wall, distance: start.distance, on_ground }), next)
+    }
+
+    #[inline(always)]
+    fn push(&mut self, wall: NearWall<L>) {
+        if self.count < INLINE {
+            self.inline[self.count] = Some(wall);
+        } else {
+            self.spilled.push(wall);
+        }
+        self.count += 1;
     }
 
     #[inline(always)]
@@ -102,16 +149,16 @@ impl<L: Lane> NearWalls<L> {
         }
     }
 
-    /// Clearance less distance of wall `i`. Clearance is (Σ qⱼ²)^(−1/2) over the others with
+    /// Clearance less distance of wall `i`. Clearance is (Σ qⱼ²)^(−1/2) over the walls of other obstacles with
     /// q = (1 − (d/notice)²)²/d, so that walls come and go without a jump.
     #[inline(always)]
-    fn room(&self, i: usize, count: usize, notice: f64) -> Scalar<L> {
-        let own = &self.at(i).distance;
+    fn room(&self, i: usize, notice: f64) -> Scalar<L> {
+        let (own, obstacle_idx) = (&self.at(i).distance, self.at(i).obstacle_idx);
         let (one, zero) = (own.value.lit(1.0), own.value.lit(0.0));
         let inverse_notice = one.lit(1.0 / notice);
         let mut sum = Scalar { value: one.lit((1e-3 / notice).powi(2)), gradient: [zero; 3] };
-        for j in 0..count {
-            if j == i {
+        for j in 0..self.count {
+            if self.at(j).obstacle_idx == obstacle_idx {
                 continue;
             }
             let other = &self.at(j).distance;
@@ -138,15 +185,9 @@ impl<L: Lane> NearWalls<L> {
 }
 
 impl<L: Lane> NearWall<L> {
-    /// Signed distance of the wall [m] with its gradient.
+    /// The ramp for a potential of influence radius `influence` [m], or `None` where it is 1 in all lanes.
     #[inline(always)]
-    pub fn distance(&self) -> &Scalar<L> {
-        &self.distance
-    }
-
-    /// The wall as a potential of influence radius `influence` [m] meets it, or `None` where its ramp is 1 in all lanes.
-    #[inline(always)]
-    pub fn wall(&self, influence: f64) -> Option<WallRamp<L>> {
+    fn ramp(&self, influence: f64) -> Option<Scalar<L>> {
         let d = &self.distance;
         let one = d.value.lit(1.0);
         let d0 = one.lit(influence);
@@ -155,10 +196,9 @@ impl<L: Lane> NearWall<L> {
             if !r.any_lt(one) {
                 return None;
             }
-            let (value, slope) = self.ramp(r);
+            let (value, slope) = self.ramp_of(r);
             let factor = slope / d0;
-            let gradient = triple!(i => d.gradient[i] * factor);
-            return Some(WallRamp { alpha: Scalar { value, gradient }, normal: self.normal() });
+            return Some(Scalar { value, gradient: triple!(i => d.gradient[i] * factor) });
         };
         let (radius, _, by_room) = smooth_min(d0, room.value);
         // Where there is no room left the point is past the ridge, or inside another obstacle.
@@ -168,21 +208,34 @@ impl<L: Lane> NearWall<L> {
         if !r.any_lt(one) {
             return None;
         }
-        let (value, slope) = self.ramp(r);
+        let (value, slope) = self.ramp_of(r);
         let factor = slope * inverse;
         let turn = r * by_room;
-        let gradient = triple!(i => factor * (d.gradient[i] - turn * room.gradient[i]));
-        Some(WallRamp { alpha: Scalar { value, gradient }, normal: self.normal() })
+        Some(Scalar { value, gradient: triple!(i => factor * (d.gradient[i] - turn * room.gradient[i])) })
     }
 
-    /// No slip needs the whole potential to go, and its first derivatives too.
+    /// The normal for equation 5. No slip needs the whole potential to go, and its first derivatives too.
     #[inline(always)]
-    fn normal(&self) -> Option<UnitNormal<L>> {
+    fn tangential(&self) -> Option<UnitNormal<L>> {
         if self.boundary == Boundary::Slip { self.normal } else { None }
     }
 
     #[inline(always)]
-    fn ramp(&self, r: L) -> (L, L) {
+    fn ramp_of(&self, r: L) -> (L, L) {
         if self.boundary == Boundary::Slip { ramp(r) } else { flat_ramp(r) }
+    }
+}
+
+impl<L: Lane> NearObstacle<L> {
+    /// Signed distance of the first of its walls [m] with its gradient.
+    #[inline(always)]
+    pub fn distance(&self) -> &Scalar<L> {
+        &self.distance
+    }
+
+    /// The ramps of all its walls but the ground, multiplied: 1 where the ground alone is near.
+    #[inline(always)]
+    pub fn on_ground(&self) -> &Scalar<L> {
+        &self.on_ground
     }
 }

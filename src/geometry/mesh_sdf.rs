@@ -117,6 +117,11 @@ impl MeshSdf {
         self.inside_samples
     }
 
+    /// Distance between samples of the inner lattice [m].
+    pub fn spacing(&self) -> f64 {
+        self.inner.spacing()
+    }
+
     /// Bytes held.
     pub fn memory_bytes(&self) -> u64 {
         self.inner.memory_bytes() + self.outer.memory_bytes()

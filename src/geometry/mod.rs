@@ -149,6 +149,7 @@ impl Geometry {
             let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
             let sampled = MeshSdf::sample(&mesh, spacing, limit)
                 .map_err(|source| GeometryError::Distance { place: place(scene, name, "distance_voxel"), source })?;
+            self.warnings.extend(thin_warning(scene, name, settings, &mesh, &sampled));
             Some(Arc::new(PlacedSdf::new(Sdf::Mesh(Arc::new(sampled)), *placement)))
         } else {
             None
@@ -206,6 +207,30 @@ fn read(scene: &Scene, name: &str, settings: &settings::Mesh) -> Result<(Mesh, O
 
 fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {
     Box::new(scene.place(&format!("shapes.{name}.mesh.{key}")))
+}
+
+/// A warning where parts of a mesh are too thin for the samples of its distance.
+fn thin_warning(
+    scene: &Scene,
+    name: &str,
+    settings: &settings::Mesh,
+    mesh: &Mesh,
+    sampled: &MeshSdf,
+) -> Option<String> {
+    /// Of the volume; meshes of usual thickness have all of it within some per cent.
+    const SEEN_MIN: f64 = 0.7;
+    let volume = mesh.signed_volume();
+    let seen = sampled.inside_samples() as f64 * sampled.spacing().powi(3) / volume;
+    (mesh.report().is_closed() && seen < SEEN_MIN).then(|| {
+        format!(
+            "warning: {}{}: its distance, sampled every {:.3e} m, sees {:.0} % of its volume: parts that are thinner \
+             than that let the flow through; make distance_voxel smaller",
+            place(scene, name, "distance_voxel"),
+            settings.file,
+            sampled.spacing(),
+            100.0 * seen
+        )
+    })
 }
 
 /// Whether the flow needs the distance of a shape.

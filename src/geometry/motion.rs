@@ -105,6 +105,11 @@ impl RigidSpan {
         triple!(i => phase.mul_add(phase.lit(self.displacement[i]), phase.lit(start[i])))
     }
 
+    /// At most how far any point of the body within `radius` [m] of its middle moves over the span [m].
+    pub fn travel(&self, radius: f64) -> f64 {
+        self.displacement.length() + self.angle * radius
+    }
+
     /// Angular velocity [rad/s].
     pub fn angular_velocity(&self) -> DVec3 {
         self.angular_velocity
@@ -143,6 +148,13 @@ impl RigidSpan {
         (rest, m)
     }
 
+    /// Where a point of the body at rest is at `phase`: the inverse of [`RigidSpan::to_rest`].
+    pub fn from_rest(&self, p: DVec3, phase: f64) -> DVec3 {
+        let m = self.rotation(phase);
+        let turned = triple!(i => DVec3::from_array(m[i]).dot(p - self.center));
+        DVec3::from_array(self.center(phase)) + DVec3::from_array(turned)
+    }
+
     /// Velocity of the body's material at `p` [m/s].
     #[inline(always)]
     pub fn velocity_at<L: Real>(&self, p: [L; 3], phase: L) -> [L; 3] {
@@ -151,6 +163,14 @@ impl RigidSpan {
         let turning = cross(triple!(i => phase.lit(w[i])), triple!(i => p[i] - center[i]));
         triple!(i => phase.lit(v[i]) + turning[i])
     }
+}
+
+/// The derivatives `[c][i]` of a vector field that is turned with its body, from those at rest.
+#[inline(always)]
+pub fn turned_derivatives<L: Real>(rest: &[[L; 3]; 3], m: &Rotation<L>) -> [[L; 3]; 3] {
+    // Mᵀ on the right: how the field changes along the axes of the world.
+    let along: [[L; 3]; 3] = triple!(c => triple!(i => dot(rest[c], m[i])));
+    triple!(c => triple!(i => dot(m[c], [along[0][i], along[1][i], along[2][i]])))
 }
 
 /// Sine and cosine of |x| ≤ π: Taylor polynomials of half the angle, absolute error below 4e-9, doubled.

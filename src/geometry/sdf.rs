@@ -77,9 +77,13 @@ impl PlacedSdf {
         self.bounds
     }
 
-    /// Middle of the bounds; of an endless solid, where its own origin stands.
+    /// Middle of the bounds; of a half space, the point of its plane that it is given by.
     pub fn center(&self) -> WorldPoint {
-        WorldPoint(self.bounds.map_or(self.placement.translation, |b| b.center()))
+        match (&self.sdf, self.bounds) {
+            (_, Some(bounds)) => WorldPoint(bounds.center()),
+            (Sdf::Primitive(Primitive::HalfSpace(h)), None) => self.placement.point_to_world(h.point.as_vec3()),
+            (_, None) => WorldPoint(self.placement.translation),
+        }
     }
 
     /// Half the longest edge of the bounds [m]; infinite for an endless solid.

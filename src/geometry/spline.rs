@@ -32,6 +32,11 @@ struct Weights<L> {
 }
 
 impl Spline {
+    /// Distance between samples [m].
+    pub fn spacing(&self) -> f64 {
+        self.spacing
+    }
+
     /// The spline through `samples`, which lie `spacing` [m] apart.
     ///
     /// # Panics

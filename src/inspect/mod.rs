@@ -20,7 +20,7 @@ use crate::inspect::probe::SceneFlow;
 use crate::inspect::streamlines::TraceSettings;
 use crate::math::hash::Seed;
 use crate::particles::emit::{Emitter, Schedule};
-use crate::particles::{ParticlesError, build_place};
+use crate::particles::{ParticlesError, build_place, emitter_motion};
 use crate::scene::Scene;
 use crate::scene::settings;
 use glam::DVec3;
@@ -162,7 +162,8 @@ impl Inspection {
         Ok(Emitter {
             place: build_place(e, emitter_idx, &self.geometry)?,
             schedule: Schedule::Count(count),
-            start: 0.0,
+            // Where the shape that it is on has moved to.
+            start: self.time,
             stop: f64::INFINITY,
             lifetime: 1.0,
             lifetime_spread: 0.0,
@@ -170,6 +171,7 @@ impl Inspection {
             fade_in: 0.0,
             fade_out: 0.0,
             seed: self.seed.derive(emitter_idx as u64),
+            motion: emitter_motion(e, &self.geometry),
         })
     }
 

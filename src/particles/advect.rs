@@ -5,7 +5,7 @@
 
 use crate::flow::field::FieldSpan;
 use crate::math::lanes::{Kernel, Lanes, run_kernel};
-use crate::math::real::{Lane, triple};
+use crate::math::real::{Lane, length, triple};
 use fearless_simd::Simd;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -61,15 +61,21 @@ impl Kernel for Step<'_, '_> {
                 Some(phase) => Lanes::load(simd, &phase[start..]),
                 None => Lanes::splat(simd, 0.0),
             };
-            let p = advanced(self.span, self.scheme, self.duration, p, phase);
-            let is_suspect = self.span.may_be_inside(p, Lanes::splat(simd, 1.0));
-            p[0].store(&mut x[start..]);
-            p[1].store(&mut y[start..]);
-            p[2].store(&mut z[start..]);
-            if is_suspect {
+            let q = advanced(self.span, self.scheme, self.duration, p, phase);
+            q[0].store(&mut x[start..]);
+            q[1].store(&mut y[start..]);
+            q[2].store(&mut z[start..]);
+            let way = length(triple!(axis => q[axis] - p[axis]));
+            if let Some(clearance) = self.span.clearance(q, way) {
                 for i in start..(start + Lanes::<S>::WIDTH).min(x.len()) {
-                    let (q, moved) = self.span.pushed_out([x[i], y[i], z[i]], 1.0);
-                    [x[i], y[i], z[i]] = q;
+                    let lane = i - start;
+                    // Written so that NaN is looked at too.
+                    if clearance.lane(lane) >= 0.0 {
+                        continue;
+                    }
+                    let from = triple!(axis => p[axis].lane(lane) as f32);
+                    let (to, moved) = self.span.settled(from, [x[i], y[i], z[i]], phase.lane(lane));
+                    [x[i], y[i], z[i]] = to;
                     corrected += u64::from(moved);
                 }
             }
@@ -160,9 +166,14 @@ pub fn evaluate(span: &FieldSpan, position: &Coordinates, velocity: &mut Coordin
 mod tests {
     use super::*;
     use crate::flow::field::{Potential, VelocityField};
+    use crate::flow::obstacles::build_obstacles;
     use crate::flow::octaves::{OctavesSettings, octaves};
-    use crate::math::hash::Seed;
-    use crate::math::real::length;
+    use crate::geometry::primitive::{Cuboid, Primitive};
+    use crate::geometry::sdf::{PlacedSdf, Sdf};
+    use crate::math::hash::{CounterRng, Seed};
+    use crate::math::space::Similarity;
+    use glam::DVec3;
+    use std::sync::Arc;
 
     fn field() -> VelocityField {
         let settings = OctavesSettings {
@@ -210,6 +221,38 @@ mod tests {
         for i in 0..3 {
             assert!((late[i] - half[i]).abs() < 1e-6, "{late:?} {half:?}");
         }
+    }
+
+    #[test]
+    fn no_step_leads_through_a_thin_plate_however_long_it_is() {
+        let half_size = DVec3::new(1.0, 0.005, 1.0);
+        let plate = Primitive::Cuboid(Cuboid { center: DVec3::ZERO, half_size, rounding: 0.0 });
+        let plate = Arc::new(PlacedSdf::new(Sdf::Primitive(plate), Similarity::IDENTITY));
+        let settings =
+            OctavesSettings { length_scale: 0.1, speed: 1.0, octaves: 1, seed: Seed(7), ..Default::default() };
+        let swirls = octaves(&settings).into_iter().map(|o| Potential::Octave(o).into()).collect();
+        let field = VelocityField::new(swirls, build_obstacles([plate]));
+        let mut rng = CounterRng::new(Seed(1));
+        let mut axis =
+            |low: f32, high: f32| (0..4000).map(|_| low + (high - low) * rng.uniform()).collect::<Vec<f32>>();
+        let mut p = [axis(-0.5, 0.5), axis(0.006, 0.1), axis(-0.5, 0.5)];
+        let (mut would_pass, mut corrected) = (0, 0);
+        for _ in 0..5 {
+            // Each is as long as the swirls are large.
+            let span = field.span(0.0, 0.1);
+            for i in 0..4000 {
+                let q = advanced(&span, EULER, 0.1, [p[0][i], p[1][i], p[2][i]], 0.0f32);
+                would_pass += u32::from(p[1][i] > 0.0 && q[1] < 0.0 && q[0].abs().max(q[2].abs()) < 0.9);
+            }
+            let before = p[1].clone();
+            corrected += advance(&span, EULER, 0.1, &mut p, 0..4000, None);
+            for i in 0..4000 {
+                let is_beside = p[0][i].abs().max(p[2][i].abs()) > 0.9;
+                assert!(is_beside || (before[i] > 0.0) == (p[1][i] > 0.0), "{i}: {} {}", before[i], p[1][i]);
+            }
+        }
+        println!("{would_pass} of 20000 steps would have passed the plate, {corrected} were corrected");
+        assert!(would_pass > 100 && corrected >= u64::from(would_pass));
     }
 
     #[test]

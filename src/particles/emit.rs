@@ -1,9 +1,11 @@
 //! Where, when and for how long particles live: pure functions of (seed, index).
 
+use crate::geometry::motion::Motion;
 use crate::math::hash::Seed;
 use glam::{DVec3, Vec3};
 use std::f64::consts::TAU;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A source of particles.
 #[derive(Debug, Clone)]
@@ -28,6 +30,8 @@ pub struct Emitter {
     pub fade_out: f64,
     /// Key of all of the emitter's random numbers.
     pub seed: Seed,
+    /// The motion of the place, and the point that it turns about where it rests [m].
+    pub motion: Option<(Arc<Motion>, DVec3)>,
 }
 
 /// How many particles are born.
@@ -191,11 +195,15 @@ impl Emitter {
         let time = self.birth_time(index)?;
         let spread = self.lifetime_spread * (2.0 * self.draw(index, Draw::Lifetime) - 1.0);
         let draws = [Draw::First, Draw::Second, Draw::Third].map(|d| self.draw(index, d));
-        Some(Birth {
-            time,
-            position: self.place.point(draws).as_vec3().to_array(),
-            lifetime: (self.lifetime * (1.0 + spread)) as f32,
-        })
+        let rest = self.place.point(draws);
+        let position = match &self.motion {
+            Some((motion, pivot)) => {
+                let pose = motion.pose(time);
+                *pivot + pose.displacement + pose.rotation * (rest - *pivot)
+            }
+            None => rest,
+        };
+        Some(Birth { time, position: position.as_vec3().to_array(), lifetime: (self.lifetime * (1.0 + spread)) as f32 })
     }
 
     /// The mass of a particle of that age and life [s]: grows and goes by a cubic step.
@@ -245,6 +253,7 @@ mod tests {
             fade_in: 0.5,
             fade_out: 0.5,
             seed: Seed(11),
+            motion: None,
         }
     }
 

@@ -6,6 +6,7 @@ pub mod system;
 
 use crate::flow::VelocityField;
 use crate::geometry::Geometry;
+use crate::geometry::motion::Motion;
 use crate::math::hash::Seed;
 use crate::particles::advect::{CLASSICAL, EULER, MIDPOINT};
 use crate::particles::emit::{Emitter, Place, Schedule, Surface};
@@ -14,6 +15,7 @@ use crate::scene::footprint::{PARTICLE_BYTES, live_count};
 use crate::scene::settings::{self, Integrator};
 use crate::scene::{Scene, settings::Settings};
 use glam::DVec3;
+use std::sync::Arc;
 use thiserror::Error;
 
 pub use crate::particles::system::ParticleSystem;
@@ -137,6 +139,12 @@ fn check_memory(settings: &Settings, emitters: &[settings::Emitter]) -> Result<(
     Ok(())
 }
 
+/// The motion of the shape that an emitter is on, and the point that it turns about where it rests [m].
+pub fn emitter_motion(e: &settings::Emitter, geometry: &Geometry) -> Option<(Arc<Motion>, DVec3)> {
+    let shape = geometry.shapes.iter().find(|shape| e.mesh.as_ref().is_some_and(|s| s.shape == shape.name))?;
+    Some((shape.motion.clone()?, shape.pivot))
+}
+
 /// Where an emitter of a scene lets particles start.
 ///
 /// # Errors
@@ -174,6 +182,7 @@ fn build_emitter(
     };
     Ok(Emitter {
         place: build_place(e, emitter_idx, geometry)?,
+        motion: emitter_motion(e, geometry),
         schedule,
         start: e.start,
         stop: e.stop.unwrap_or(f64::INFINITY),

@@ -19,6 +19,7 @@ impl MaskFiles for SceneFiles {
         let image = output::read_image(path, self.memory_limit).map_err(|e| e.to_string())?;
         let rgb = image.to_rgb("").ok_or_else(|| format!("{}: has no channels R, G and B", path.display()))?;
         let [width, height] = image.data_size;
+        check_memory(path, Block::flat_memory_bytes(UVec3::new(width, height, 1)), self.memory_limit)?;
         // Rows of pictures go down.
         let brightness = |i: usize| {
             let (x, y) = (i % width as usize, height as usize - 1 - i / width as usize);
@@ -35,28 +36,38 @@ impl MaskFiles for SceneFiles {
 
     fn grid(&self, path: &Path, name: &str) -> Result<MaskSamples, String> {
         let grid = vdb::read_float_grid(path, name, self.memory_limit).map_err(|e| e.to_string())?;
-        dense(&grid, self.memory_limit).map_err(|problem| format!("{}: {problem}", path.display()))
+        let voxels = dense_box(&grid).ok_or_else(|| format!("{}: the grid is empty", path.display()))?;
+        check_memory(path, Block::memory_bytes(voxels.1), self.memory_limit)?;
+        Ok(dense(&grid, voxels))
     }
 }
 
-/// All voxels of the box of occupied bricks.
-fn dense(grid: &DensityGrid, memory_limit: u64) -> Result<MaskSamples, String> {
-    let edge = BRICK_EDGE as i32;
-    let bricks: Vec<IVec3> = grid.occupied_bricks().map(|(coord, _)| coord).collect();
-    let low = bricks.iter().copied().reduce(IVec3::min).ok_or("the grid is empty")?;
-    let high = bricks.iter().copied().reduce(IVec3::max).ok_or("the grid is empty")?;
-    let dims = ((high - low + 1) * edge).as_uvec3();
-    let needed = Block::memory_bytes(dims);
-    if needed > memory_limit {
-        return Err(format!("as a mask its box of {dims} voxels takes {needed} bytes, more than the memory limit"));
+/// An error where a mask takes more memory than allowed.
+fn check_memory(path: &Path, needed: u64, limit: u64) -> Result<(), String> {
+    if needed > limit {
+        let path = path.display();
+        return Err(format!("{path}: as a mask it takes {needed} bytes of memory, more than the limit of {limit}"));
     }
+    Ok(())
+}
+
+/// First voxel and size of the box of occupied bricks; `None` of an empty grid.
+fn dense_box(grid: &DensityGrid) -> Option<(IVec3, UVec3)> {
+    let bricks: Vec<IVec3> = grid.occupied_bricks().map(|(coord, _)| coord).collect();
+    let (low, high) = (bricks.iter().copied().reduce(IVec3::min)?, bricks.iter().copied().reduce(IVec3::max)?);
+    let edge = BRICK_EDGE as i32;
+    Some((low * edge, ((high - low + 1) * edge).as_uvec3()))
+}
+
+/// All voxels of a box.
+fn dense(grid: &DensityGrid, (low, dims): (IVec3, UVec3)) -> MaskSamples {
     let mut values = Lattice::filled(dims, 0.0);
     for (coord, brick) in grid.occupied_bricks() {
         for (i, value) in brick.into_iter().enumerate() {
-            values.set(((coord - low) * edge).as_uvec3() + local_voxel(i), value);
+            values.set((coord * BRICK_EDGE as i32 - low).as_uvec3() + local_voxel(i), value);
         }
     }
     let spacing = f64::from(grid.voxel_size());
-    let origin = grid.origin() + ((low * edge).as_dvec3() + 0.5) * spacing;
-    Ok(MaskSamples { values, origin, spacing })
+    let origin = grid.origin() + (low.as_dvec3() + 0.5) * spacing;
+    MaskSamples { values, origin, spacing }
 }

@@ -1,58 +1,66 @@
 //! Numbers that carry their gradient, as a lane: what the flow is differentiated with, to rounding, in tests.
 
+#![allow(dead_code, reason = "each test program uses a part")]
+
 use curlsmoke::math::real::{Lane, Real};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A value and its derivatives along x, y, z.
+/// A value and its derivatives along x, y, z, in the precision of `T`.
 #[derive(Debug, Clone, Copy)]
-pub struct Dual {
+pub struct Dual<T> {
     /// The value.
-    pub value: f64,
+    pub value: T,
     /// Its derivatives.
-    pub gradient: [f64; 3],
+    pub gradient: [T; 3],
 }
 
-impl Dual {
-    pub fn constant(value: f64) -> Self {
-        Self { value, gradient: [0.0; 3] }
+impl<T: Lane> Dual<T> {
+    pub fn constant(value: T) -> Self {
+        Self { value, gradient: [value.lit(0.0); 3] }
     }
 
-    pub fn point(p: [f64; 3]) -> [Self; 3] {
+    pub fn point(p: [T; 3]) -> [Self; 3] {
         std::array::from_fn(|axis| {
             let mut x = Self::constant(p[axis]);
-            x.gradient[axis] = 1.0;
+            x.gradient[axis] = p[axis].lit(1.0);
             x
         })
     }
 
-    fn chain(self, value: f64, slope: f64) -> Self {
+    fn chain(self, value: T, slope: T) -> Self {
         Self { value, gradient: self.gradient.map(|g| slope * g) }
     }
 }
 
-impl Add for Dual {
+/// Divergence of a velocity with its derivatives, and the square of the length of its Jacobian.
+pub fn divergence<T: Lane>(v: [Dual<T>; 3]) -> (f64, f64) {
+    let j = v.map(|x| x.gradient.map(|g| g.lane(0)));
+    (j[0][0] + j[1][1] + j[2][2], j.iter().flatten().map(|x| x * x).sum())
+}
+
+impl<T: Lane> Add for Dual<T> {
     type Output = Self;
     fn add(self, o: Self) -> Self {
         Self { value: self.value + o.value, gradient: std::array::from_fn(|i| self.gradient[i] + o.gradient[i]) }
     }
 }
 
-impl Sub for Dual {
+impl<T: Lane> Sub for Dual<T> {
     type Output = Self;
     fn sub(self, o: Self) -> Self {
         self + -o
     }
 }
 
-impl Neg for Dual {
+impl<T: Lane> Neg for Dual<T> {
     type Output = Self;
     fn neg(self) -> Self {
-        self.chain(-self.value, -1.0)
+        self.chain(-self.value, -self.value.lit(1.0))
     }
 }
 
 #[allow(clippy::suspicious_arithmetic_impl, reason = "the product rule")]
-impl Mul for Dual {
+impl<T: Lane> Mul for Dual<T> {
     type Output = Self;
     fn mul(self, o: Self) -> Self {
         Self {
@@ -63,50 +71,50 @@ impl Mul for Dual {
 }
 
 #[allow(clippy::suspicious_arithmetic_impl, reason = "the quotient rule")]
-impl Div for Dual {
+impl<T: Lane> Div for Dual<T> {
     type Output = Self;
     fn div(self, o: Self) -> Self {
-        self * o.chain(1.0 / o.value, -1.0 / (o.value * o.value))
+        let inverse = o.value.lit(1.0) / o.value;
+        self * o.chain(inverse, -inverse * inverse)
     }
 }
 
-impl Real for Dual {
+impl<T: Lane> Real for Dual<T> {
     fn lit(self, x: f64) -> Self {
-        Self::constant(x)
+        Self::constant(self.value.lit(x))
     }
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
-        self.chain(root, if root > 0.0 { 0.5 / root } else { 0.0 })
+        self.chain(root, if root.lane(0) > 0.0 { root.lit(0.5) / root } else { root.lit(0.0) })
     }
     fn abs(self) -> Self {
-        if self.value < 0.0 { -self } else { self }
+        if self.value.lane(0) < 0.0 { -self } else { self }
     }
     fn min(self, other: Self) -> Self {
-        if self.value < other.value { self } else { other }
+        if self.value.lane(0) < other.value.lane(0) { self } else { other }
     }
     fn max(self, other: Self) -> Self {
-        if self.value > other.value { self } else { other }
+        if self.value.lane(0) > other.value.lane(0) { self } else { other }
     }
     fn mul_add(self, a: Self, b: Self) -> Self {
         self * a + b
     }
     fn select_lt(self, bound: Self, then: Self, otherwise: Self) -> Self {
-        if self.value < bound.value { then } else { otherwise }
+        if self.value.lane(0) < bound.value.lane(0) { then } else { otherwise }
     }
 }
 
-impl Lane for Dual {
+impl<T: Lane<Word = u32>> Lane for Dual<T> {
     type Word = u32;
     const WIDTH: usize = 1;
     fn lane(self, _: usize) -> f64 {
-        self.value
+        self.value.lane(0)
     }
-    fn gather(self, mut f: impl FnMut(usize) -> f64) -> Self {
-        Self::constant(f(0))
+    fn gather(self, f: impl FnMut(usize) -> f64) -> Self {
+        Self::constant(self.value.gather(f))
     }
-    fn gather_four<'a>(self, mut f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4] {
-        let found = f(0);
-        std::array::from_fn(|k| Self::constant(f64::from(found[k])))
+    fn gather_four<'a>(self, f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4] {
+        self.value.gather_four(f).map(Self::constant)
     }
     fn floor(self) -> Self {
         Self::constant(self.value.floor())
@@ -121,6 +129,6 @@ impl Lane for Dual {
         if word >> 31 == 1 { -self } else { self }
     }
     fn any_lt(self, bound: Self) -> bool {
-        self.value < bound.value
+        self.value.any_lt(bound.value)
     }
 }

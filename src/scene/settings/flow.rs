@@ -62,7 +62,7 @@ impl Potential {
 pub struct Uniform {
     /// Velocity [m/s].
     pub velocity: Vec3,
-    /// Distance from obstacles over which the flow bends [m]. Default the obstacle's own bounding radius.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
@@ -88,7 +88,7 @@ pub struct Shear {
     /// A point that stands still [m]. Default the origin.
     #[serde(default)]
     pub origin: Vec3,
-    /// Distance from obstacles over which the flow bends [m]. Default the obstacle's own bounding radius.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
@@ -109,7 +109,7 @@ pub struct Rigid {
     pub velocity: Vec3,
     /// Axis and speed of the rotation [rad/s].
     pub angular_velocity: Vec3,
-    /// Distance from obstacles over which the flow bends [m]. Default the obstacle's own bounding radius.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
@@ -136,7 +136,7 @@ pub struct Plume {
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub rise: Option<f64>,
-    /// Distance from obstacles over which the flow bends [m]. Default the obstacle's own bounding radius.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
@@ -289,7 +289,7 @@ pub struct VortexCurve {
 pub enum Mask {
     /// By height: 0 below, 1 above.
     Height(HeightMask),
-    /// By the distance from a shape of the scene, where it stands at time 0.
+    /// By the distance from a shape of the scene, where it rests.
     Shape(ShapeMask),
     /// By the distance from a ball.
     Sphere(SphereMask),
@@ -371,6 +371,10 @@ pub struct WakeMask {
     /// From the body's middle to where the tail has faded [m].
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub length: f64,
+    /// Half the tail's width at the body [m]. Default half the body's middle extent.
+    #[serde(default)]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub radius: Option<f64>,
     /// Metres that the tail's edge moves outwards for each metre behind the body. Default 0.2.
     #[serde(default = "spread")]
     #[schemars(range(min = 0.0, max = 10.0))]
