@@ -1,18 +1,23 @@
 //! Properties of particles: frames that stand alone, and obstacles that nothing enters.
 
 use curlsmoke::flow::field::{Potential, Source, VelocityField};
-use curlsmoke::flow::obstacles::build_obstacles;
+use curlsmoke::flow::obstacles::{Wall, build_obstacles};
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use curlsmoke::geometry::mesh_file::read_mesh;
+use curlsmoke::geometry::mesh_sdf::MeshSdf;
+use curlsmoke::geometry::motion::{Motion, Pose};
 use curlsmoke::geometry::primitive::{Cuboid, Primitive, Sphere, Torus};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::hash::Seed;
 use curlsmoke::math::space::Similarity;
-use curlsmoke::particles::advect::{CLASSICAL, EULER, Scheme};
+use curlsmoke::particles::advect::{CLASSICAL, EULER, MIDPOINT, Scheme};
 use curlsmoke::particles::emit::{Emitter, Place, Schedule};
 use curlsmoke::particles::system::{KernelSize, TimeGrid};
 use curlsmoke::particles::{ParticleSystem, ParticlesError};
 use curlsmoke::progress::{Progress, Silent};
 use glam::DVec3;
+use rayon::prelude::*;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -115,6 +120,62 @@ fn after_96_frames_no_particle_is_inside_an_obstacle() {
             assert!((system.penetrations() as f64) < 1e-2 * system.particle_steps() as f64);
         }
     }
+}
+
+/// A stone that is a mesh, a ball that swings through, and a box.
+fn three_walls() -> Vec<Wall> {
+    let stone = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes/stone.obj");
+    let stone = MeshSdf::sample(&read_mesh(&stone, 1 << 30).unwrap(), None, 1 << 30).unwrap();
+    let placed = |sdf: Sdf| Wall::from(Arc::new(PlacedSdf::new(sdf, Similarity::IDENTITY)));
+    let ball = placed(Sdf::Primitive(Primitive::Sphere(Sphere { center: DVec3::new(-1.0, 0.9, 0.1), radius: 0.25 })));
+    let across = Pose { displacement: DVec3::X * 2.0, ..Pose::REST };
+    let swing = Motion::new(vec![(0.0, Pose::REST), (4.0, across), (8.0, Pose::REST)], true);
+    let half_size = DVec3::new(0.2, 0.3, 0.25);
+    let cuboid = Cuboid { center: DVec3::new(0.7, 0.2, -0.1), half_size, rounding: 0.0 };
+    vec![
+        placed(Sdf::Mesh(Arc::new(stone))),
+        Wall { motion: Some(Arc::new(swing)), ..ball },
+        placed(Sdf::Primitive(Primitive::Cuboid(cuboid))),
+    ]
+}
+
+/// The number of particles alive in the end, of those inside a wall at any frame, and the share of steps corrected.
+fn round_three_walls(count: u64, frames: i32) -> (usize, usize, f64) {
+    let settings =
+        OctavesSettings { length_scale: 0.5, speed: 0.5, spin_rate: 0.3, seed: Seed(6), ..Default::default() };
+    let mut sources: Vec<Source> = octaves(&settings).into_iter().map(|o| Potential::Octave(o).into()).collect();
+    sources.push(Source::wind([0.0, 0.4, 0.0]));
+    let field = VelocityField::new(sources, build_obstacles(three_walls()));
+    let below = Place::Cuboid { center: DVec3::Y * -1.1, size: DVec3::new(2.0, 0.8, 1.0) };
+    let once = Emitter { lifetime: 20.0, start: 0.0, ..emitter(below, Schedule::Count(count), 3) };
+    let time = TimeGrid { first_frame: 1, substeps: 2, fps: 24.0 };
+    let kernel = KernelSize { initial_radius: 0.1, expansion: 0.0 };
+    let mut system = ParticleSystem::new(field, vec![once], time, MIDPOINT, kernel);
+    let mut inside = 0;
+    for frame in 1..=frames {
+        let particles = system.at_frame(frame, &Silent).unwrap().clone();
+        let span = system.field().span(f64::from(frame - 1) / 24.0, 0.0);
+        let is_inside = |i: &usize| span.distance([0, 1, 2].map(|a| f64::from(particles.position[a][*i])), 0.0) < 0.0;
+        inside += (0..particles.len()).into_par_iter().filter(is_inside).count();
+    }
+    assert_eq!(system.born_inside(), 0);
+    let corrected = system.penetrations() as f64 / system.particle_steps() as f64;
+    (system.particles().len(), inside, corrected)
+}
+
+#[test]
+fn no_particle_is_inside_a_mesh_a_moving_ball_or_a_box_at_any_frame() {
+    let (alive, inside, corrected) = round_three_walls(3000, 192);
+    println!("{alive} particles, {inside} inside, {:.4} % of steps corrected", 100.0 * corrected);
+    assert!(alive == 3000 && inside == 0 && corrected < 1e-3, "{alive} {inside} {corrected}");
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn a_million_particles_go_round_three_walls() {
+    let (alive, inside, corrected) = round_three_walls(1_000_000, 240);
+    println!("{alive} particles, {inside} inside, {:.4} % of steps corrected", 100.0 * corrected);
+    assert!(alive == 1_000_000 && inside == 0 && corrected < 1e-4, "{alive} {inside} {corrected}");
 }
 
 #[test]
