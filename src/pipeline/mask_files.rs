@@ -5,6 +5,8 @@ use crate::flow::{MaskFiles, MaskSamples};
 use crate::grid::{BRICK_EDGE, DensityGrid, local_voxel, vdb};
 use crate::math::lattice::Lattice;
 use crate::output;
+use crate::scene::Scene;
+use crate::scene::settings::Mask;
 use glam::{DVec3, IVec3, UVec3};
 use std::path::Path;
 
@@ -37,6 +39,23 @@ impl MaskFiles for SceneFiles {
         let grid = vdb::read_float_grid(path, name, self.memory_limit).map_err(|e| e.to_string())?;
         dense(&grid, self.memory_limit).map_err(|problem| format!("{}: {problem}", path.display()))
     }
+}
+
+/// The key of the file that a message about masks begins with; that of all potentials where there is none.
+pub fn key_of(scene: &Scene, message: &str) -> String {
+    for (i, potential) in scene.settings.flow.potentials.iter().enumerate() {
+        for (j, mask) in potential.masks().iter().enumerate() {
+            let (kind, file) = match mask {
+                Mask::Image(mask) => ("image", &mask.file),
+                Mask::Grid(mask) => ("grid", &mask.file),
+                _ => continue,
+            };
+            if message.starts_with(&scene.resolve(file).display().to_string()) {
+                return format!("flow.potentials[{i}].{}.modulate[{j}].{kind}.file", potential.name());
+            }
+        }
+    }
+    "flow.potentials".into()
 }
 
 /// All voxels of the box of occupied bricks.
