@@ -6,7 +6,7 @@ CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 plume:
 	./bootstrap.sh
 	cargo build --release --bin curlsmoke
-	$(CURLSMOKE) render scenes/plume.yaml
+	$(CURLSMOKE) render scenes/plume.yaml --resume
 
 test:
 	./bootstrap.sh
@@ -15,11 +15,11 @@ test:
 # The pictures of docs/gallery/.
 gallery:
 	./bootstrap.sh
-	$(CURLSMOKE) render scenes/plume.yaml --frames 12 --resolution 640x360 --spp 320
-	$(CURLSMOKE) render scenes/ring.yaml
-	$(CURLSMOKE) render scenes/cloud.yaml
+	$(CURLSMOKE) render scenes/plume.yaml --frames 12 --resolution 640x360 --spp 320 -o out/gallery/plume.####.exr --resume
+	$(CURLSMOKE) render scenes/ring.yaml --resume
+	$(CURLSMOKE) render scenes/cloud.yaml --resume
 	mkdir -p docs/gallery
-	cp out/plume.0012.png docs/gallery/plume.png
+	cp out/gallery/plume.0012.png docs/gallery/plume.png
 	cp out/ring.0001.png docs/gallery/ring.png
 	cp out/cloud.0001.png docs/gallery/cloud.png
 

@@ -97,10 +97,8 @@ impl Error {
                 VdbProblem::Grid { error, .. } => grid_exit_code(error),
                 _ => 3,
             },
-            Error::Render(RenderError::Environment { .. } | RenderError::TooDense { .. }) => 3,
-            Error::Render(RenderError::Picture(e)) => e.downcast_ref().map_or(3, output_exit_code),
-            Error::Render(RenderError::Geometry(e)) => geometry_exit_code(e),
-            Error::Render(_) | Error::Cancelled | Error::Internal(_) => 1,
+            Error::Render(e) => render_exit_code(e),
+            Error::Cancelled | Error::Internal(_) => 1,
             Error::Output(e) => output_exit_code(e),
             Error::InScene { source, .. } => source.exit_code(),
             Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
@@ -120,6 +118,16 @@ impl Error {
                 | Error::Render(RenderError::Cancelled)
                 | Error::Particles(ParticlesError::Cancelled)
         )
+    }
+}
+
+fn render_exit_code(e: &RenderError) -> u8 {
+    match e {
+        RenderError::Light { source, .. } => render_exit_code(source),
+        RenderError::Environment { .. } | RenderError::TooDense { .. } => 3,
+        RenderError::Picture(e) => e.downcast_ref().map_or(3, output_exit_code),
+        RenderError::Geometry(e) => geometry_exit_code(e),
+        RenderError::Cancelled | RenderError::NonFinite { .. } => 1,
     }
 }
 

@@ -14,6 +14,7 @@ use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
 use crate::output::sidecar::{self, Sidecar, sidecar_path};
 use crate::output::{self, OutputError, exr, file, png};
+use crate::particles::ParticleSystem;
 use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::mask_files::SceneFiles;
 use crate::pipeline::smoke::SmokeSource;
@@ -21,7 +22,7 @@ use crate::progress::{Progress, Silent, Stage};
 use crate::render::environment::RadiancePicture;
 use crate::render::film::{Film, PixelBounds};
 use crate::render::integrator::World;
-use crate::render::{self, tiles};
+use crate::render::{self, RenderError, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, footprint, settings};
@@ -161,6 +162,41 @@ pub fn inspection(scene: &Scene, frame: i32) -> Result<Inspection, Error> {
     Ok(Inspection::build(scene, frame, geometry, field))
 }
 
+/// Reads all that a frame of a scene needs, and makes none: what is likely a mistake.
+///
+/// # Errors
+/// The first file that cannot be used: a mesh, a picture of the surroundings, the file of a mask, or the density of the
+/// first frame.
+pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
+    let geometry = Geometry::build_without_distances(scene)?;
+    let mut warnings = geometry.warnings.clone();
+    warnings.extend(geometry.camera_warning(scene));
+    render::build_lights(scene, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
+        .map_err(|e| in_light(scene, e))?;
+    // For the files of masks, which scenes have whose smoke is not made of particles.
+    let field = build_field(scene, &geometry)?;
+    match &scene.settings.smoke {
+        Some(settings::Smoke { file: Some(_), .. }) => {
+            let frame = scene.settings.frames.first;
+            SmokeSource::build(scene, &geometry)?.grid(scene, frame, &Silent, &mut Sidecar::default())?;
+        }
+        Some(settings::Smoke { grid: Some(_), emitters, .. }) => {
+            let system = ParticleSystem::build(scene, &geometry, field)
+                .map_err(|e| in_scene(scene, "smoke.emitters", None, e))?;
+            warnings.extend((0..emitters.len()).filter_map(|i| {
+                let share = system.share_born_inside(i).filter(|&share| share > BORN_INSIDE_NOTED)?;
+                let place = scene.place(&format!("smoke.emitters[{i}]"));
+                Some(format!("warning: {place}{}", smoke::born_inside_text("its particles are", share)))
+            }));
+        }
+        _ => {}
+    }
+    Ok(warnings)
+}
+
+/// Share of particles born inside obstacles above which people are told.
+const BORN_INSIDE_NOTED: f64 = 0.5;
+
 /// What stays the same from frame to frame.
 struct Studio {
     geometry: Geometry,
@@ -173,6 +209,7 @@ impl Studio {
     fn build(scene: &Scene, progress: &dyn Progress, record: &mut Sidecar) -> Result<Self, Error> {
         let start = Instant::now();
         let geometry = build_geometry(scene, progress)?;
+        geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
         let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry)?) };
         let smoke = SmokeSource::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());
@@ -233,12 +270,22 @@ fn time_of(scene: &Scene, frame: i32) -> f64 {
 
 fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, Error> {
     render::build_world(scene, geometry, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_scene(scene, "lights", None, e))
+        .map_err(|e| in_light(scene, e))
+}
+
+/// An error of surfaces and lights, with its place in the scene where a light is at fault.
+fn in_light(scene: &Scene, error: RenderError) -> Error {
+    match error {
+        RenderError::Light { light_idx, .. } => {
+            in_scene(scene, &format!("lights[{light_idx}].environment.file"), None, error)
+        }
+        _ => error.into(),
+    }
 }
 
 fn build_field(scene: &Scene, geometry: &Geometry) -> Result<VelocityField, Error> {
     VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })
-        .map_err(|e| in_scene(scene, "flow.potentials", None, e))
+        .map_err(|e| in_scene(scene, &e.key().to_owned(), None, e))
 }
 
 /// An error with the place in the scene, and the frame, that it comes from.

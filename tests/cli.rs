@@ -74,6 +74,133 @@ fn holes_in_an_obstacle_are_told_by_every_verb_that_reads_it() {
 }
 
 #[test]
+fn a_camera_inside_a_solid_is_warned_of() {
+    let folder = Folder::new();
+    folder.write("tetrahedron.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+    let solid = "sphere: {center: [0, 0, 0], radius: 1}";
+    let moves = "motion: {keys: [{time: 0, translate: [0, 0, 4]}, {time: 1}]}";
+    for (name, shape, is_inside) in [
+        ("ball", "sphere: {center: [0, 0.5, 4], radius: 0.6}".to_string(), true),
+        ("near", "sphere: {center: [0, 0.5, 4], radius: 0.4}".to_string(), false),
+        ("unseen", "sphere: {center: [0, 0.5, 4], radius: 0.6}\n    visible: false".to_string(), false),
+        ("arriving", format!("{solid}\n    {moves}"), true),
+        ("ground", "plane: {point: [0, 0.1, 0]}".to_string(), true),
+        ("below", "plane: {point: [0, -0.1, 0]}".to_string(), false),
+        ("mesh", "mesh: {file: tetrahedron.obj}\n    transform: {translate: [-0.2, -0.2, 3.8]}".to_string(), true),
+        ("beside", "mesh: {file: tetrahedron.obj}\n    transform: {translate: [-0.5, -0.5, 3.5]}".to_string(), false),
+    ] {
+        let scene = format!("{name}.yaml");
+        folder.write(&scene, &BALL.replace(solid, &shape));
+        for verb in [&["check", &scene][..], &["render", &scene, "--frames", "2"]] {
+            let [_, err] = folder.expect(0, verb);
+            let warning = format!("warning: {scene}:3:20: camera.position: the camera stands");
+            assert_eq!(err.contains(&warning) && err.contains("`ball`"), is_inside, "{verb:?}: {err}");
+        }
+    }
+    let room = BALL.replace(solid, "box: {center: [0, 0, 0], size: [9, 9, 9]}") + "flow: {containers: [ball]}\n";
+    folder.write("room.yaml", &room);
+    let [_, err] = folder.expect(0, &["check", "room.yaml"]);
+    assert!(err.is_empty(), "{err}");
+}
+
+#[test]
+fn an_emitter_inside_an_obstacle_is_told_once() {
+    let folder = Folder::new();
+    let place = "sphere: {center: [-0.3, 0.2, 0], radius: 0.3}";
+    let swallowed = SMOKE.replace(place, "disk: {center: [-0.65, 0.5, 0], radius: 0.2}");
+    folder.write("swallowed.yaml", &swallowed);
+    folder.write("free.yaml", SMOKE);
+    let ground = "shapes:\n  ground: {plane: {point: [0, 0.3, 0]}}\n";
+    let sunk = SMOKE.replace("shapes:\n", ground).replace("[left, right]", "[left, right, ground]");
+    folder.write("sunk.yaml", &sunk.replace(place, "disk: {center: [0, 0.2, 0], radius: 0.35}"));
+    for scene in ["swallowed.yaml", "sunk.yaml"] {
+        let [_, err] = folder.expect(0, &["check", scene]);
+        contains(
+            &err,
+            &[": smoke.emitters[0]: 100 % of its particles are born inside obstacles", "move the emitter out"],
+        );
+        for verb in ["render", "bake"] {
+            let [_, err] = folder.expect(0, &[verb, scene]);
+            contains(&err, &["frame 1: 100 % of the particles were born inside obstacles", "move the emitter out"]);
+            assert_eq!(err.matches("born inside").count(), 1, "{err}");
+        }
+    }
+    for verb in ["check", "render"] {
+        let [_, err] = folder.expect(0, &[verb, "free.yaml"]);
+        assert!(!err.contains("born inside"), "{err}");
+    }
+    let sidecar = Sidecar::read(&folder.path("out/smoke.0001.json")).unwrap();
+    assert!(sidecar.born_inside > 0 && sidecar.born > 2 * sidecar.born_inside, "{sidecar:?}");
+}
+
+#[test]
+fn check_reads_what_render_reads() {
+    let folder = Folder::new();
+    folder.write("smoke.yaml", SMOKE);
+    folder.expect(0, &["bake", "smoke.yaml", "--frames", "1-2", "--output", "cache/smoke.####.vdb"]);
+    let whole = fs::read(folder.path("cache/smoke.0001.vdb")).unwrap();
+    fs::write(folder.path("short.vdb"), &whole[..whole.len() / 2]).unwrap();
+    folder.picture("sky.exr", 0.5);
+    let sky = fs::read(folder.path("sky.exr")).unwrap();
+    fs::write(folder.path("short.exr"), &sky[..sky.len() - 9]).unwrap();
+    fs::write(folder.path("png.hdr"), b"\x89PNG\r\n\x1a\n").unwrap();
+    fs::write(folder.path("short.hdr"), "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\nabc").unwrap();
+    let light = |file: &str| BALL.replace("{radiance: [1, 1, 1]}", &format!("{{file: {file}}}"));
+    let mask = |kind: &str| {
+        let flow = format!("flow:\n  potentials:\n    - uniform: {{velocity: [0, 1, 0], modulate: [{{{kind}}}]}}\n");
+        format!("{BALL}{flow}")
+    };
+    let volume = |file: &str| format!("{BALL}smoke:\n  file:\n    path: {file}\n").replace("last: 3", "last: 2");
+    let picture =
+        |file: &str| mask(&format!("image: {{file: {file}, center: [0, 0, 0], half_u: [1, 0, 0], half_v: [0, 1, 0]}}"));
+    for (name, scene, parts) in [
+        ("a", light("short.exr"), ["a.yaml:9:25: lights[0].environment.file: ", "short.exr"]),
+        ("b", light("short.hdr"), ["b.yaml:9:25: lights[0].environment.file: ", "line 0 is damaged"]),
+        ("c", light("png.hdr"), ["c.yaml:9:25: lights[0].environment.file: ", "does not begin with #?RADIANCE"]),
+        ("d", picture("short.exr"), ["d.yaml:13:", "flow.potentials[0].uniform.modulate[0].image.file: "]),
+        ("e", mask("grid: {file: short.vdb}"), ["e.yaml:13:", "flow.potentials[0].uniform.modulate[0].grid.file: "]),
+        ("f", volume("short.vdb"), ["f.yaml:13:11: smoke.file.path: frame 1: ", "short.vdb"]),
+    ] {
+        let file = format!("{name}.yaml");
+        folder.write(&file, &scene);
+        let [out, err] = folder.expect(3, &["check", &file]);
+        contains(&err, &parts);
+        assert!(out.is_empty(), "{out}");
+        let [json, _] = folder.expect(3, &["check", &file, "--format", "json"]);
+        contains(&json, &[r#""ok": false"#, parts[1]]);
+    }
+    for (name, scene) in [
+        ("g", light("sky.exr")),
+        ("h", picture("sky.exr")),
+        ("i", mask("grid: {file: cache/smoke.0001.vdb}")),
+        ("j", volume("cache/smoke.####.vdb")),
+    ] {
+        let file = format!("{name}.yaml");
+        folder.write(&file, &scene);
+        let [out, err] = folder.expect(0, &["check", &file]);
+        contains(&out, &[": ok"]);
+        assert!(err.is_empty(), "{err}");
+    }
+}
+
+#[test]
+fn missing_frames_of_a_sequence_are_all_named() {
+    let folder = Folder::new();
+    fs::create_dir(folder.path("cache")).unwrap();
+    let scene = |pattern: &str| format!("{BALL}smoke: {{file: {{path: {pattern}}}}}\n").replace("last: 3", "last: 9");
+    for frame in [1, 2, 5, 9] {
+        folder.write(&format!("cache/smoke.{frame:04}.vdb"), "");
+    }
+    folder.write("gaps.yaml", &scene("cache/smoke.####.vdb"));
+    let [_, err] = folder.expect(4, &["check", "gaps.yaml"]);
+    contains(&err, &["no file for the frames 3-4,6-8: `cache/smoke.0003.vdb` and so on", "frames: {first"]);
+    assert!(!err.contains("did you mean"), "{err}");
+    folder.write("typo.yaml", &scene("cache/smok.####.vdb"));
+    let [_, err] = folder.expect(4, &["check", "typo.yaml"]);
+    contains(&err, &["any of the frames 1-9", "did you mean `smoke.0001.vdb`?"]);
+}
+
+#[test]
 fn mass_that_obstacles_move_is_accounted_for() {
     let folder = Folder::new();
     let smoky = BALL.replace("last: 3", "last: 1")
@@ -128,8 +255,30 @@ fn a_dry_run_says_what_would_be_made_and_makes_nothing() {
     let folder = Folder::new();
     let arguments = ["render", "ball.yaml", "--dry-run", "--frames", "3-1x2", "--spp", "8", "--resolution", "50%"];
     let [out, _] = folder.expect(0, &arguments);
-    contains(&out, &["2 frames: 3,1", "12 × 8 pixels, 8 samples", "out/ball.0003.exr\nout/ball.0001.exr"]);
+    let files = "out/ball.0003.exr\nout/ball.0003.png\nout/ball.0001.exr\nout/ball.0001.png\n";
+    contains(&out, &["2 frames: 3,1", "12 × 8 pixels, 8 samples", files]);
+    let [out, _] = folder.expect(0, &["render", "ball.yaml", "--dry-run", "--frames", "2", "--set", "output.preview="]);
+    contains(&out, &["1 frame: 2\n", "out/ball.0002.exr\n"]);
+    assert!(!out.contains(".png"), "{out}");
     assert!(folder.files("out").is_empty());
+}
+
+#[test]
+fn pictures_go_where_output_says_with_their_previews() {
+    let folder = Folder::new();
+    let named = |more: &[&str]| {
+        let arguments = ["render", "ball.yaml", "--dry-run", "--frames", "2", "-o", "a b/{scene}.#.exr"];
+        folder.expect(0, &[&arguments, more].concat())[0].clone()
+    };
+    contains(&named(&[]), &["\na b/ball.2.exr\na b/ball.2.png\n"]);
+    contains(&named(&["--set", "output.preview=p.#.png"]), &["\na b/ball.2.exr\np.2.png\n"]);
+    assert!(!named(&["--set", "output.preview="]).contains(".png"));
+    folder.write("bare.yaml", &BALL.replace("preview: out/ball.####.png, ", ""));
+    let [out, _] = folder.expect(0, &["render", "bare.yaml", "--frames", "1", "--output", "other/x.##.exr"]);
+    contains(&out, &["other/x.01.exr"]);
+    assert_eq!(folder.files("other"), ["x.01.exr", "x.01.json"]);
+    let [_, err] = folder.expect(3, &["render", "ball.yaml", "-o", "x.exr"]);
+    contains(&err, &["output.image", "all frames would be written to this one file"]);
 }
 
 #[test]
@@ -138,7 +287,9 @@ fn wrong_flags_are_usage_errors_that_say_what_to_write() {
     for (arguments, says) in [
         (&["render", "ball.yaml", "--frames", "1-3y2"][..], "use x for a step"),
         (&["render", "ball.yaml", "--frames", "one"], "1-96x2"),
-        (&["render", "ball.yaml", "--frames", "1-9"], "frames.last=4"),
+        (&["render", "ball.yaml", "--frames", "2-20x3"], "to go on longer, --set frames.last=20\n"),
+        (&["render", "ball.yaml", "--frames", "3--2"], "--set frames.first=-2 moves it there and changes every frame"),
+        (&["render", "ball.yaml", "--frames", "0,9"], "frames.last=9; time 0 is at the first frame"),
         (&["render", "ball.yaml", "--crop", "0,0,99,9"], "24 × 16"),
         (&["render", "ball.yaml", "--crop", "5,5,5,9"], "no pixels"),
         (&["render", "ball.yaml", "--threads", "0"], "1 to"),
@@ -170,8 +321,12 @@ fn compare_gives_verdicts_measures_and_maps() {
         let [out, _] = folder.expect(7, &["compare", "a.exr", "c.exr", "--mode", mode, "--threshold", far]);
         contains(&out, &["FAIL"]);
     }
-    let [_, err] = folder.expect(2, &["compare", "a.exr", "b.exr", "--mode", "mse"]);
-    contains(&err, &["--threshold"]);
+    for (mode, example) in
+        [("mse", "--threshold 1e-3"), ("max", "--threshold 0.01"), ("psnr", "in dB: for example --threshold 40")]
+    {
+        let [_, err] = folder.expect(2, &["compare", "a.exr", "b.exr", "--mode", mode]);
+        contains(&err, &[example]);
+    }
     let [_, err] = folder.expect(2, &["compare", "a.exr", "b.exr", "--mode", "stat"]);
     contains(&err, &["--variance"]);
 }
@@ -241,7 +396,7 @@ fn a_sky_that_is_too_large_or_bad_ends_with_its_own_code() {
         folder.write(name, &scene(file));
     }
     let [_, err] = folder.expect(6, &["render", "sky.yaml", "--memory-limit", "0.011"]);
-    contains(&err, &["sky.exr", "--memory-limit"]);
+    contains(&err, &["sky.yaml:9:25: lights[0].environment.file: ", "sky.exr", "--memory-limit"]);
     assert_eq!(err.matches("sky.exr").count(), 1, "{err}");
     let [_, err] = folder.expect(3, &["render", "layer.yaml"]);
     contains(&err, &["layer.exr", "no channels R, G and B"]);
@@ -260,7 +415,7 @@ fn what_was_cut_and_where_particles_were_born_is_said() {
     let [_, err] = folder.expect(0, &["render", "smoke.yaml", "--set", "render.max_bounces=1000"]);
     assert!(!err.contains("max_bounces"), "{err}");
     let [out, _] = folder.expect(0, &["bake", "smoke.yaml", "--frames", "1"]);
-    contains(&out, &["out/smoke.0001.vdb", "voxels", "born in an obstacle"]);
+    contains(&out, &["out/smoke.0001.vdb", "voxels", "; on the way here", "particles were born in an obstacle"]);
     let whole = fs::metadata(folder.path("out/smoke.0001.vdb")).unwrap().len();
     folder.expect(0, &["bake", "smoke.yaml", "--frames", "1", "--half", "--output", "out/half.####.vdb"]);
     assert!(fs::metadata(folder.path("out/half.0001.vdb")).unwrap().len() < whole);

@@ -3,6 +3,7 @@
 //! ```text
 //! # error: LINE:COLUMN part of the message
 //! # warning: LINE:COLUMN part of the message
+//! # help: LINE:COLUMN part of a help text of a problem there
 //! # fault: missing_file          (or over_memory_limit; invalid if not given)
 //! ```
 //!
@@ -46,6 +47,12 @@ fn expectations(text: &str) -> (Vec<Expectation>, Fault) {
     (expected, fault)
 }
 
+/// Places and parts of help texts that a scene's first lines name.
+fn expected_help(text: &str) -> Vec<(&str, &str)> {
+    let lines = text.lines().filter_map(|line| line.strip_prefix("# help:"));
+    lines.map(|rest| rest.trim().split_once(' ').expect("`LINE:COLUMN help`")).collect()
+}
+
 fn fits(expectation: &Expectation, found: &Diagnostic) -> bool {
     let position = found.position.expect("a scene without overrides has positions");
     expectation.severity == found.severity
@@ -81,6 +88,12 @@ fn verdict(path: &Path) -> Result<(), String> {
             return Err(format!("gives a problem that it does not name:\n{d}"));
         }
     }
+    for (place, part) in expected_help(&String::from_utf8_lossy(&bytes)) {
+        let is_there = |d: &&Diagnostic| d.position.is_some_and(|p| format!("{}:{}", p.line, p.column) == place);
+        if !found.iter().filter(is_there).flat_map(|d| &d.help).any(|help| help.contains(part)) {
+            return Err(format!("lacks the help `{place} {part}`; found:{printed}"));
+        }
+    }
     if expected.len() != found.len() {
         return Err(format!("names {} problems, gives {}:{printed}", expected.len(), found.len()));
     }
@@ -110,6 +123,12 @@ fn a_file_without_an_expectation_fails() {
     assert!(verdict(&path).unwrap_err().contains("names no error"));
     std::fs::write(&path, "# error: 1:1 wrong place\nversion: 2\n").unwrap();
     assert!(verdict(&path).unwrap_err().contains("lacks"));
+    let camera = "camera: {position: [0, 1, 5m], look_at: [0, 1, 0]}\nlights: [{environment: {radiance: [1, 1, 1]}}]\n";
+    let text = |part: &str| format!("# error: 4:27 number\n# help: 4:27 {part}\nversion: 1\n{camera}");
+    std::fs::write(&path, text("write `5`")).unwrap();
+    verdict(&path).unwrap();
+    std::fs::write(&path, text("write `6`")).unwrap();
+    assert!(verdict(&path).unwrap_err().contains("lacks the help"));
 }
 
 #[test]
@@ -172,7 +191,8 @@ fn overrides() {
         ("film.sp", "3", "unknown key `sp`"),
         ("film.spp", "many", "expected a whole number"),
         ("film.spp", "0", "must be from 1"),
-        ("film.spp", "", "has no value"),
+        ("camera.position", "", "found nothing"),
+        ("film.spq", "", "unknown key `spq`"),
         ("film.spp", "[", "not YAML"),
         ("lights[7].sun", "{}", "no item 7"),
         ("film.spp.x", "1", "single value"),
@@ -183,6 +203,53 @@ fn overrides() {
         let found = error.diagnostics().iter().any(|d| d.file == flag && d.message.contains(part));
         assert!(found, "{key}={value}: {error}");
     }
+}
+
+#[test]
+fn an_empty_override_is_a_key_left_out() {
+    let load = |pairs: &[(&str, &str)]| {
+        let pairs: Vec<_> = pairs.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+        let moving = VALID.replace(
+            "sphere: {center: [0, 1.2, 0], radius: 0.35}",
+            "sphere: {center: [0, 1.2, 0], radius: 0.35}\n    motion: {keys: [{time: 0}, {time: 1, translate: [0, 1, 0]}]}",
+        );
+        Scene::from_text_with(&moving, Path::new("tests/invalid/valid.yaml"), &pairs).unwrap_or_else(|e| panic!("{e}"))
+    };
+    let as_written = load(&[]).settings;
+    assert!(as_written.output.preview.is_some() && as_written.shapes["ball"].motion.is_some());
+    for empty in ["", "null", "~"] {
+        let settings = load(&[
+            ("output.preview", empty),
+            ("shapes.ball.motion", empty),
+            ("film.spp", empty),
+            ("smoke.seed", empty),
+        ]);
+        let settings = settings.settings;
+        assert_eq!((settings.output.preview, settings.film.spp), (None, 128), "`{empty}`");
+        assert!(settings.shapes["ball"].motion.is_none(), "`{empty}`");
+    }
+}
+
+#[test]
+fn voxels_larger_than_the_smoke_s_source_are_warned_of() {
+    let warnings = |voxel_size: f64, emitter: &str| {
+        let text = format!(
+            "version: 1\ncamera: {{position: [0, 1, 5], look_at: [0, 1, 0]}}\nlights: [{{environment: {{radiance: [1, 1, \
+             1]}}}}]\nsmoke:\n  emitters: [{{{emitter}, rate: 1000, lifetime: 2, start: -2}}]\n  grid: {{voxel_size: {voxel_size}}}\n"
+        );
+        Scene::from_text(&text, Path::new("s.yaml")).unwrap_or_else(|e| panic!("{e}")).warnings
+    };
+    for emitter in [
+        "disk: {center: [0, 1, 0], radius: 0.35}",
+        "sphere: {center: [0, 1, 0], radius: 0.35}",
+        "box: {center: [0, 1, 0], size: [0.7, 0.1, 0.1]}",
+    ] {
+        let found = warnings(2.5, emitter);
+        assert_eq!((found.len(), found[0].key.as_str()), (1, "smoke.grid.voxel_size"), "{found:?}");
+        assert!(found[0].message.contains("2.5 m") && found[0].help[0].contains("0.07"), "{}", found[0]);
+        assert!(warnings(0.6, emitter).is_empty(), "{emitter}");
+    }
+    assert!(warnings(2.5, "point: {position: [0, 1, 0]}").is_empty());
 }
 
 #[test]

@@ -101,13 +101,17 @@ pub struct RenderArguments {
     /// Width and height in pixels, or a share of the scene's: 640x360, 50%
     #[arg(long, visible_alias = "res", value_name = "SIZE")]
     pub resolution: Option<Resolution>,
+    /// File names of the pictures (.exr), with #### for the frame, instead of
+    /// output.image; previews go beside them
+    #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
+    pub output: Option<String>,
     /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
     #[arg(long, value_name = "EDGES")]
     pub crop: Option<Crop>,
     /// Leave frames alone that are finished and made from this very scene
     #[arg(long)]
     pub resume: bool,
-    /// Print what would be made, and make nothing
+    /// Print what would be made, files and all, and make nothing
     #[arg(long)]
     pub dry_run: bool,
 }

@@ -29,10 +29,15 @@ pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
                 line += &format!(", {:.2e} % lost in them", percent(mass.lost));
             }
         }
-        for (number, what) in [(record.penetrations, "penetrations"), (record.born_inside, "born in an obstacle")] {
-            if number > 0 {
-                line.push_str(&format!(", {} {what}", count(number as f64)));
-            }
+        let counts = [
+            (record.penetrations, "steps that ended in an obstacle were put back on its wall"),
+            (record.born_inside, "particles were born in an obstacle"),
+        ];
+        let counts = counts.into_iter().filter(|(number, _)| *number > 0);
+        let counts: Vec<String> = counts.map(|(number, what)| format!("{} {what}", count(number as f64))).collect();
+        if !counts.is_empty() {
+            // Of the first frame they hold its run-up, so that they are no property of the frame alone.
+            line += &format!("; on the way here {}", counts.join(", "));
         }
         if printed.is_ok() {
             printed = reporter.suspend(|| print_result(&line));

@@ -3,7 +3,7 @@
 use crate::cli::args::{CheckArguments, Format};
 use crate::cli::{log, print_result};
 use crate::error::Error;
-use crate::geometry::{GeometryError, check_meshes};
+use crate::pipeline;
 use crate::scene::{Scene, SceneError, schema_json};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -15,12 +15,12 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<u8, Error> {
     let mut reports = Vec::new();
     for path in &arguments.scenes {
         let scene = Scene::load_with(path, &overrides);
-        let meshes = scene.as_ref().map_or_else(|_| Ok(Vec::new()), check_meshes);
+        let inputs = scene.as_ref().map_or_else(|_| Ok(Vec::new()), pipeline::check);
         match arguments.format {
-            Format::Text => print_text(path, &scene, &meshes)?,
-            Format::Json => reports.push(json_report(path, &scene, &meshes)),
+            Format::Text => print_text(path, &scene, &inputs)?,
+            Format::Json => reports.push(json_report(path, &scene, &inputs)),
         }
-        let error = scene.err().map(Error::from).or(meshes.err().map(Error::from));
+        let error = scene.err().map(Error::from).or(inputs.err());
         if let Some(error) = error.filter(|_| code == 0) {
             code = error.exit_code();
         }
@@ -31,16 +31,16 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<u8, Error> {
     Ok(code)
 }
 
-/// Warnings about the meshes of a scene.
-type Meshes = Result<Vec<String>, GeometryError>;
+/// Warnings about what a scene is made of: shapes, emitters and files.
+type Inputs = Result<Vec<String>, Error>;
 
-fn print_text(path: &Path, scene: &Result<Scene, SceneError>, meshes: &Meshes) -> Result<(), Error> {
-    match (scene, meshes) {
+fn print_text(path: &Path, scene: &Result<Scene, SceneError>, inputs: &Inputs) -> Result<(), Error> {
+    match (scene, inputs) {
         (Err(error), _) => log(&error.to_string()),
         (Ok(_), Err(error)) => log(&format!("error: {error}")),
-        (Ok(scene), Ok(meshes)) => {
+        (Ok(scene), Ok(warnings)) => {
             scene.warnings.iter().for_each(|warning| log(&format!("{warning}\n")));
-            meshes.iter().for_each(|warning| log(warning));
+            warnings.iter().for_each(|warning| log(warning));
             let (frames, film) = (&scene.settings.frames, &scene.settings.film);
             let [width, height] = film.resolution;
             print_result(&format!(
@@ -55,18 +55,18 @@ fn print_text(path: &Path, scene: &Result<Scene, SceneError>, meshes: &Meshes) -
     Ok(())
 }
 
-fn json_report(path: &Path, scene: &Result<Scene, SceneError>, meshes: &Meshes) -> Value {
+fn json_report(path: &Path, scene: &Result<Scene, SceneError>, inputs: &Inputs) -> Value {
     let (problems, message) = match scene {
-        Ok(scene) => (json!(scene.warnings), meshes.as_ref().err().map(ToString::to_string)),
+        Ok(scene) => (json!(scene.warnings), inputs.as_ref().err().map(ToString::to_string)),
         Err(error) => {
             // A file that cannot be read has no problems inside it.
             let inside = error.diagnostics();
             (json!(inside), inside.is_empty().then(|| error.to_string()))
         }
     };
-    let ok = scene.is_ok() && meshes.is_ok();
-    let meshes = meshes.as_deref().unwrap_or_default();
-    json!({"scene": path, "ok": ok, "message": message, "problems": problems, "meshes": meshes})
+    let ok = scene.is_ok() && inputs.is_ok();
+    let warnings = inputs.as_deref().unwrap_or_default();
+    json!({"scene": path, "ok": ok, "message": message, "problems": problems, "warnings": warnings})
 }
 
 /// Prints the JSON Schema of scene files.

@@ -49,10 +49,13 @@ fn mode_of(arguments: &CompareArguments) -> Result<Mode, Error> {
         CompareMode::Psnr => Measure::Psnr,
         CompareMode::Max => Measure::Max,
     };
-    match arguments.threshold {
-        Some(threshold) => Ok(Mode::Measure(measure, threshold)),
-        None => Err(Error::Usage("this mode needs a limit; add --threshold, for example --threshold 1e-3".into())),
-    }
+    let example = match measure {
+        Measure::Psnr => "the least ratio in dB: for example --threshold 40",
+        Measure::Max => "the largest difference of a pixel: for example --threshold 0.01",
+        Measure::Mse | Measure::RelMse => "the largest mean squared error: for example --threshold 1e-3",
+    };
+    let needed = || Error::Usage(format!("this mode needs a limit; add --threshold with {example}"));
+    arguments.threshold.map(|threshold| Mode::Measure(measure, threshold)).ok_or_else(needed)
 }
 
 /// `x.var.exr` beside `x.mean.exr`, if it is there.

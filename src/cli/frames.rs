@@ -3,8 +3,9 @@
 use crate::cli::args::FrameArguments;
 use crate::cli::{log, warn_about};
 use crate::error::Error;
-use crate::output::frames::{self, spell};
+use crate::output::frames;
 use crate::scene::Scene;
+use crate::scene::pattern::spell;
 
 /// The scene with all flags applied that change it, `more` in front so that `--set` has the last word.
 pub fn load_scene(arguments: &FrameArguments, more: Vec<(String, String)>) -> Result<Scene, Error> {
@@ -15,10 +16,15 @@ pub fn load_scene(arguments: &FrameArguments, more: Vec<(String, String)>) -> Re
     if let Some(memory) = arguments.memory_limit {
         overrides.push(("render.memory_limit_gib".into(), memory.0.to_string()));
     }
-    overrides.extend(arguments.overrides.iter().map(|o| (o.0.clone(), o.1.clone())));
+    overrides.extend(set_by_hand(arguments));
     warn_about(Scene::load_with(&arguments.scene, &overrides), |scene| {
         scene.warnings.iter().map(ToString::to_string).collect()
     })
+}
+
+/// What `--set` says.
+pub fn set_by_hand(arguments: &FrameArguments) -> Vec<(String, String)> {
+    arguments.overrides.iter().map(|o| (o.0.clone(), o.1.clone())).collect()
 }
 
 /// The frames to make: those of `--frames`, or all of the scene.
@@ -32,14 +38,28 @@ pub fn frames(arguments: &FrameArguments, scene: &Scene) -> Result<Vec<i32>, Err
     // Memory was checked for the frames of the scene.
     match list.frames.iter().find(|f| !(first..=last).contains(f)) {
         Some(frame) => Err(Error::Usage(format!(
-            "frame {frame} is not one of the scene's frames {}; change them with --set frames.first={} --set \
-             frames.last={}",
+            "frame {frame} is not one of the scene's frames {}; {}",
             spell(&(first..=last).collect::<Vec<_>>()),
-            first.min(*frame),
-            last.max(*frame)
+            ways_to_have(&list.frames, first, last)
         ))),
         None => Ok(list.frames),
     }
+}
+
+/// What to do to have frames, not all of which are among `first` to `last`.
+fn ways_to_have(frames: &[i32], first: i32, last: i32) -> String {
+    let (least, most) = frames.iter().fold((first, last), |(least, most), &f| (least.min(f), most.max(f)));
+    let mut ways = Vec::new();
+    if most > last {
+        ways.push(format!("to go on longer, --set frames.last={most}"));
+    }
+    if least < first {
+        ways.push(format!(
+            "time 0 is at the first frame, so --set frames.first={least} moves it there and changes every frame; smoke \
+             that should be there at frame {first} already needs only an emitter whose `start` is below 0"
+        ));
+    }
+    ways.join("; ")
 }
 
 /// Makes the pool of threads that all stages use.

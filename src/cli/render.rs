@@ -1,16 +1,16 @@
 //! `curlsmoke render`.
 
 use crate::cli::args::RenderArguments;
-use crate::cli::frames::{frames, load_scene, start_threads};
+use crate::cli::frames::{frames, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
 use crate::cli::{STOPPED, log, print_result, report};
 use crate::error::Error;
-use crate::output::frames::{check_distinct, spell};
+use crate::output::frames::check_distinct;
 use crate::pipeline::{self, FrameOutcome, RenderJob};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::scene::pattern::Pattern;
+use crate::scene::pattern::{Pattern, spell};
 use std::path::PathBuf;
 
 /// Renders; the exit code.
@@ -70,20 +70,33 @@ fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
         let [width, height] = resolution.pixels(own);
         overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
     }
+    if let Some(image) = &arguments.output {
+        // Text in JSON is text in YAML too, whatever it holds.
+        let quoted = |text: &str| serde_json::Value::from(text).to_string();
+        overrides.push(("output.image".to_string(), quoted(image)));
+        let scene = Scene::load_with(&arguments.common.scene, &set_by_hand(&arguments.common))?;
+        let has_own_name = arguments.common.overrides.iter().any(|set| set.0 == "output.preview");
+        if scene.settings.output.preview.is_some() && !has_own_name {
+            let preview = image.strip_suffix(".exr").unwrap_or(image);
+            overrides.push(("output.preview".to_string(), quoted(&format!("{preview}.png"))));
+        }
+    }
     load_scene(&arguments.common, overrides)
 }
 
 /// Names of the pictures of a scene.
 struct Names {
     image: Pattern,
+    preview: Option<Pattern>,
     scene: String,
 }
 
 impl Names {
     fn of(scene: &Scene) -> Result<Self, Error> {
-        let text = &scene.settings.output.image;
-        let image = Pattern::parse(text).map_err(|e| Error::Pattern(text.clone(), e))?;
-        Ok(Self { image, scene: scene.name().into() })
+        let parse = |text: &str| Pattern::parse(text).map_err(|e| Error::Pattern(text.into(), e));
+        let output = &scene.settings.output;
+        let preview = output.preview.as_deref().map(parse).transpose()?;
+        Ok(Self { image: parse(&output.image)?, preview, scene: scene.name().into() })
     }
 
     fn image(&self, frame: i32) -> PathBuf {
@@ -111,8 +124,9 @@ fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
     let [width, height] = film.resolution;
     let samples = f64::from(width) * f64::from(height) * f64::from(film.spp) * frames.len() as f64;
     print_result(&format!(
-        "{} frames: {}\n{width} × {height} pixels, {} samples per pixel, {} camera samples in all\nseed {}",
+        "{} frame{}: {}\n{width} × {height} pixels, {} samples per pixel, {} camera samples in all\nseed {}",
         frames.len(),
+        if frames.len() == 1 { "" } else { "s" },
         spell(frames),
         film.spp,
         count(samples),
@@ -120,6 +134,9 @@ fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
     ))?;
     for &frame in frames {
         print_result(&names.image(frame).display().to_string())?;
+        if let Some(preview) = &names.preview {
+            print_result(&preview.expand(frame, &names.scene))?;
+        }
     }
     Ok(())
 }

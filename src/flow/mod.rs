@@ -81,8 +81,13 @@ impl MaskFiles for NoFiles {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FlowError {
     /// The file of a mask could not be read.
-    #[error("{0}")]
-    MaskFile(String),
+    #[error("{problem}")]
+    MaskFile {
+        /// The key that names it.
+        key: String,
+        /// A sentence that names the file and what is wrong.
+        problem: String,
+    },
     /// Two containers have no place in common.
     #[error(
         "the containers `{a}` and `{b}` have no place in common, and the flow must be inside all of them; keep one"
@@ -93,6 +98,16 @@ pub enum FlowError {
         /// The other.
         b: String,
     },
+}
+
+impl FlowError {
+    /// The key of the scene that it is about.
+    pub fn key(&self) -> &str {
+        match self {
+            Self::MaskFile { key, .. } => key,
+            Self::Apart { .. } => "flow.containers",
+        }
+    }
 }
 
 struct Builder<'a> {
@@ -112,14 +127,15 @@ impl VelocityField {
         let mut sources = Vec::new();
         // Terms of the same seed differ by their order among themselves: what stands between them changes no pattern.
         let mut twins: BTreeMap<u64, u64> = BTreeMap::new();
-        for potential in &scene.settings.flow.potentials {
+        for (i, potential) in scene.settings.flow.potentials.iter().enumerate() {
             let mut own = seed;
             if let settings::Potential::Noise(noise) = potential {
                 let twin = twins.entry(noise.seed).or_default();
                 own = seed.derive(*twin);
                 *twin += 1;
             }
-            sources.extend(builder.sources(potential, own)?);
+            let key = format!("flow.potentials[{i}].{}", potential.name());
+            sources.extend(builder.sources(potential, &key, own)?);
         }
         builder.check_containers()?;
         Ok(Self::new(sources, build_obstacles(builder.walls())))
@@ -162,7 +178,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    fn sources(&self, potential: &settings::Potential, seed: Seed) -> Result<Vec<Source>, FlowError> {
+    fn sources(&self, potential: &settings::Potential, key: &str, seed: Seed) -> Result<Vec<Source>, FlowError> {
         let v = DVec3::from_array;
         let (potentials, influence, modulate) = match potential {
             settings::Potential::Uniform(u) => {
@@ -201,12 +217,15 @@ impl Builder<'_> {
             }
             settings::Potential::VortexCurve(c) => (vec![Potential::Vortex(curve(c))], None, &c.modulate),
         };
-        let masks = modulate.iter().map(|mask| self.mask(mask)).collect::<Result<Vec<_>, _>>()?;
+        let masks = modulate.iter().enumerate();
+        let masks = masks.map(|(j, mask)| self.mask(mask, &format!("{key}.modulate[{j}]")));
+        let masks = masks.collect::<Result<Vec<_>, _>>()?;
         Ok(potentials.into_iter().map(|potential| Source { potential, masks: masks.clone(), influence }).collect())
     }
 
-    fn mask(&self, mask: &settings::Mask) -> Result<Mask, FlowError> {
+    fn mask(&self, mask: &settings::Mask, key: &str) -> Result<Mask, FlowError> {
         let v = DVec3::from_array;
+        let fail = |kind: &str, problem| FlowError::MaskFile { key: format!("{key}.{kind}.file"), problem };
         // Validation has found all names; of a scene without it, a mask of no shape is 1 everywhere.
         let everywhere = Mask::Height { axis: DVec3::ZERO, from: -1.0, to: 0.0 };
         Ok(match mask {
@@ -243,7 +262,7 @@ impl Builder<'_> {
             }
             settings::Mask::Image(m) => {
                 let path = self.scene.resolve(&m.file);
-                let samples = self.files.picture(&path, m.weights).map_err(FlowError::MaskFile)?.values;
+                let samples = self.files.picture(&path, m.weights).map_err(|e| fail("image", e))?.values;
                 let (half_u, half_v) = (v(m.half_u), v(m.half_v));
                 let count = samples.dims().as_dvec3();
                 // From −1 … 1 along both edges to the middles of pixels.
@@ -258,7 +277,7 @@ impl Builder<'_> {
             }
             settings::Mask::Grid(m) => {
                 let path = self.scene.resolve(&m.file);
-                let mut samples = self.files.grid(&path, &m.grid).map_err(FlowError::MaskFile)?;
+                let mut samples = self.files.grid(&path, &m.grid).map_err(|e| fail("grid", e))?;
                 samples.values.values_mut().iter_mut().for_each(|x| *x *= m.scale as f32);
                 let inverse = 1.0 / samples.spacing;
                 let to_lattice = DMat3::from_diagonal(DVec3::splat(inverse));

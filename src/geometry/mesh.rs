@@ -4,6 +4,7 @@ use crate::math::aabb::Aabb;
 use crate::math::space::Similarity;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
+use std::f64::consts::PI;
 use std::fmt;
 
 /// Indexed triangles. Every index is in range, every number finite, no triangle has zero area, and a closed mesh has
@@ -183,6 +184,18 @@ impl Mesh {
         (0..self.triangles.len()).map(|i| six(self.corners(i).map(|p| (p - middle).as_dvec3()))).sum::<f64>() / 6.0
     }
 
+    /// Whether a point [m] is inside, where the mesh is closed: the triangles together fill more than half of what can
+    /// be seen from it. Solid angles after Van Oosterom and Strackee 1983.
+    pub fn contains(&self, p: DVec3) -> bool {
+        let half_angle = |i: usize| {
+            let [a, b, c] = self.corners(i).map(|v| v.as_dvec3() - p);
+            let (la, lb, lc) = (a.length(), b.length(), c.length());
+            let across = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+            a.dot(b.cross(c)).atan2(across)
+        };
+        (0..self.triangles.len()).map(half_angle).sum::<f64>() > PI
+    }
+
     /// The same mesh scaled, turned and moved.
     pub fn transformed(&self, placement: &Similarity) -> Self {
         let mut mesh = self.clone();
@@ -353,6 +366,18 @@ pub(crate) mod tests {
         for bad in [f32::NAN, f32::INFINITY, 1e30] {
             let error = refused(&[Vec3::ZERO, Vec3::X, Vec3::Y * bad], vec![[0, 1, 2]]);
             assert!(matches!(error, MeshError::NotFinite { vertex: 2, .. }), "{error}");
+        }
+    }
+
+    #[test]
+    fn points_inside_are_told_from_points_outside() {
+        let ball = ball(1.0, 12);
+        for (p, is_inside) in [(DVec3::ZERO, true), (DVec3::Y * 0.9, true), (DVec3::Y * 1.1, false)] {
+            assert_eq!(ball.contains(p), is_inside, "{p}");
+        }
+        let torus = torus(1.0, 0.3, 24);
+        for (p, is_inside) in [(DVec3::ZERO, false), (DVec3::X, true), (DVec3::new(0.0, 0.2, 1.0), true)] {
+            assert_eq!(torus.contains(p), is_inside, "{p}");
         }
     }
 }

@@ -20,7 +20,7 @@ use crate::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, 
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::trace::Solid;
 use crate::math::space::Similarity;
-use crate::progress::{Progress, Stage};
+use crate::progress::{Progress, Silent, Stage};
 use crate::scene::{PlaceInScene, Scene, settings};
 use glam::{DQuat, DVec3, Quat};
 use std::sync::Arc;
@@ -81,6 +81,15 @@ pub enum GeometryError {
 }
 
 impl Shape {
+    /// Whether a point [m] is inside; a mesh that is not closed has no inside.
+    fn contains(&self, p: DVec3) -> bool {
+        match (&self.mesh, &self.sdf) {
+            (Some(mesh), _) => mesh.report().is_closed() && mesh.contains(p),
+            (None, Some(sdf)) => sdf.distance(p.to_array()) < 0.0,
+            (None, None) => false,
+        }
+    }
+
     /// The shape where its motion has brought it at a time [s].
     fn at(&self, time: f64) -> Self {
         let Some(motion) = &self.motion else { return self.clone() };
@@ -114,6 +123,18 @@ impl Geometry {
     /// # Errors
     /// Where a mesh is missing, faulty or too large.
     pub fn build(scene: &Scene, progress: &dyn Progress) -> Result<Self, GeometryError> {
+        Self::build_with(scene, progress, true)
+    }
+
+    /// As `build`, but no mesh has a distance, which is what takes time: for looking at a scene without making frames.
+    ///
+    /// # Errors
+    /// Where a mesh is missing, faulty or too large.
+    pub fn build_without_distances(scene: &Scene) -> Result<Self, GeometryError> {
+        Self::build_with(scene, &Silent, false)
+    }
+
+    fn build_with(scene: &Scene, progress: &dyn Progress, with_distances: bool) -> Result<Self, GeometryError> {
         let mut geometry = Self { shapes: Vec::new(), warnings: Vec::new() };
         progress.begin(Stage::Geometry, scene.settings.shapes.len() as u64);
         for (name, shape) in &scene.settings.shapes {
@@ -122,7 +143,10 @@ impl Geometry {
             }
             let placement = similarity(&shape.transform);
             let built = match &shape.mesh {
-                Some(mesh) => geometry.mesh_shape(scene, name, mesh, &placement, shape.visible)?,
+                Some(mesh) => {
+                    let built = geometry.mesh_shape(scene, name, mesh, &placement, with_distances)?;
+                    Shape { visible: shape.visible, ..built }
+                }
                 None => primitive_shape(name, shape, placement),
             };
             let motion = shape.motion.as_ref().map(|motion| Arc::new(rigid_motion(motion)));
@@ -139,13 +163,12 @@ impl Geometry {
         name: &str,
         settings: &settings::Mesh,
         placement: &Similarity,
-        visible: bool,
+        with_distance: bool,
     ) -> Result<Shape, GeometryError> {
         let limit = memory_limit(scene);
-        let is_obstacle = is_obstacle(scene, name);
         let (mesh, warning) = read(scene, name, settings)?;
         self.warnings.extend(warning);
-        let sdf = if is_obstacle {
+        let sdf = if with_distance && is_obstacle(scene, name) {
             let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
             let sampled = MeshSdf::sample(&mesh, spacing, limit)
                 .map_err(|source| GeometryError::Distance { place: place(scene, name, "distance_voxel"), source })?;
@@ -158,7 +181,23 @@ impl Geometry {
         let pivot = sdf.as_ref().map_or(middle, |sdf: &Arc<PlacedSdf>| sdf.center()).0.as_dvec3();
         let mesh = if settings.smooth { mesh } else { mesh.without_normals() };
         let mesh = Some(Arc::new(mesh.transformed(placement)));
-        Ok(Shape { name: name.into(), sdf, motion: None, pivot, mesh, visible, solid: None })
+        Ok(Shape { name: name.into(), sdf, motion: None, pivot, mesh, visible: true, solid: None })
+    }
+
+    /// A warning where the camera stands inside a visible solid at the first frame: a primitive, or a closed mesh.
+    pub fn camera_warning(&self, scene: &Scene) -> Option<String> {
+        let camera = DVec3::from_array(scene.settings.camera.position);
+        // A container may be the room that the camera stands in.
+        let is_solid = |shape: &Shape| shape.visible && !scene.settings.flow.containers.contains(&shape.name);
+        let around = self.at(0.0).shapes.into_iter().find(|shape| is_solid(shape) && shape.contains(camera))?;
+        let place = scene.place("camera.position");
+        let is_plane = scene.settings.shapes.get(&around.name).is_some_and(|shape| shape.plane.is_some());
+        let where_it_is = if is_plane { "behind the plane" } else { "inside the shape" };
+        Some(format!(
+            "warning: {place}the camera stands {where_it_is} `{name}`, whose surface hides everything; move the camera, or \
+             hide the shape with `visible: false`",
+            name = around.name
+        ))
     }
 
     /// The visible shapes as a target of rays.
@@ -176,20 +215,6 @@ impl Geometry {
         }
         Ok(builder.commit()?)
     }
-}
-
-/// What is likely a mistake in the meshes of a scene; builds nothing.
-///
-/// # Errors
-/// Where a mesh is missing, faulty or too large.
-pub fn check_meshes(scene: &Scene) -> Result<Vec<String>, GeometryError> {
-    let mut warnings = Vec::new();
-    for (name, shape) in &scene.settings.shapes {
-        if let Some(mesh) = &shape.mesh {
-            warnings.extend(read(scene, name, mesh)?.1);
-        }
-    }
-    Ok(warnings)
 }
 
 /// A mesh as its file has it, and what is likely a mistake in it.

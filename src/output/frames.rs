@@ -126,19 +126,6 @@ pub fn check_distinct(frames: &[i32], file_of: impl Fn(i32) -> PathBuf) -> Resul
     Ok(())
 }
 
-/// Frames in the shortest common spelling: runs as ranges, `1-3,7`.
-pub fn spell(frames: &[i32]) -> String {
-    let mut parts: Vec<(i32, i32)> = Vec::new();
-    for &frame in frames {
-        match parts.last_mut() {
-            Some((_, last)) if last.checked_add(1) == Some(frame) => *last = frame,
-            _ => parts.push((frame, frame)),
-        }
-    }
-    let spelled = parts.iter().map(|&(a, b)| if a == b { a.to_string() } else { format!("{a}-{b}") });
-    spelled.collect::<Vec<_>>().join(",")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,11 +176,5 @@ mod tests {
         let error = check_distinct(&[1, 2], |_| "out.exr".into()).unwrap_err();
         assert_eq!(error, FramesError::SameFile { first: 1, second: 2, path: "out.exr".into() });
         assert!(check_distinct(&[1, 2], |f| format!("{f}.exr").into()).is_ok());
-    }
-
-    #[test]
-    fn frames_are_spelled_briefly() {
-        assert_eq!(spell(&[1, 2, 3, 7, 9, 10, 5]), "1-3,7,9-10,5");
-        assert_eq!(spell(&[-2, -1, 0]), "-2-0");
     }
 }

@@ -35,9 +35,14 @@ pub struct Sidecar {
     pub samples_per_second: f64,
     /// Particles alive in the frame.
     pub particles: u64,
-    /// Particle steps that would have ended inside an obstacle and were corrected, on the way from the last frame made.
+    /// Steps of particles that ended inside an obstacle and were put back on its wall: one particle may have many. Counted
+    /// on the way to this frame from the one that the run made before. The first frame of a run, and any that comes before
+    /// the one made last, has its run-up in it, from the birth of the oldest particle; its count is larger than that of the
+    /// same frame in a sequence, though its particles are the same.
     pub penetrations: u64,
-    /// Particles that were born inside an obstacle and moved to its surface, on the way from the last frame made.
+    /// Particles born, counted likewise.
+    pub born: u64,
+    /// Those of them that were born inside an obstacle and put on its wall.
     pub born_inside: u64,
     /// Share of paths that were cut at `render.max_bounces`, 0 to 1.
     pub truncated_paths: f64,

@@ -5,7 +5,7 @@
 
 use crate::flow::field::VelocityField;
 use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
-use crate::particles::emit::Emitter;
+use crate::particles::emit::{Birth, Emitter};
 use crate::particles::{Particles, ParticlesError};
 use crate::progress::{Progress, Stage};
 
@@ -77,6 +77,7 @@ pub struct ParticleSystem {
     phases: Vec<f32>,
     frame: Particles,
     penetrations: u64,
+    born: u64,
     born_inside: u64,
     particle_steps: u64,
 }
@@ -101,6 +102,7 @@ impl ParticleSystem {
             phases: Vec::new(),
             frame: Particles::default(),
             penetrations: 0,
+            born: 0,
             born_inside: 0,
             particle_steps: 0,
         }
@@ -111,9 +113,26 @@ impl ParticleSystem {
         &self.field
     }
 
-    /// Steps that ended inside an obstacle and were corrected, since the system was made.
+    /// Steps that ended inside an obstacle and were put back on its wall, since the system was made.
     pub fn penetrations(&self) -> u64 {
         self.penetrations
+    }
+
+    /// Particles that were born since the system was made.
+    pub fn born(&self) -> u64 {
+        self.born
+    }
+
+    /// The share of an emitter's first particles, 0 to 1, that are born inside obstacles or outside containers; none
+    /// where it has no particles.
+    pub fn share_born_inside(&self, emitter_idx: usize) -> Option<f64> {
+        /// Enough to tell half of an emitter from less.
+        const PARTICLES: u64 = 256;
+        let emitter = self.emitters.get(emitter_idx)?;
+        let births: Vec<_> = (0..PARTICLES).filter_map(|index| emitter.birth(index)).collect();
+        let is_inside = |birth: &&Birth| self.field.distance(birth.position.map(f64::from), birth.time) < 0.0;
+        let inside = births.iter().filter(is_inside).count();
+        (!births.is_empty()).then(|| inside as f64 / births.len() as f64)
     }
 
     /// Particles that were born inside an obstacle and moved to its surface, since the system was made.
@@ -197,6 +216,7 @@ impl ParticleSystem {
                 }
                 let phase = (((birth.time - start) / duration) as f32).clamp(0.0, 1.0);
                 let (position, moved) = span.pushed_out(birth.position, f64::from(phase));
+                self.born += 1;
                 self.born_inside += u64::from(moved);
                 cloud.push(index, birth.time, birth.lifetime, position);
                 self.phases.push(phase);

@@ -8,7 +8,7 @@ use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
 use crate::output::sidecar::{MassFigures, Sidecar};
 use crate::particles::ParticleSystem;
-use crate::pipeline::{build_field, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
+use crate::pipeline::{BORN_INSIDE_NOTED, build_field, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::Scene;
 use crate::scene::pattern::Pattern;
@@ -18,8 +18,16 @@ use std::time::Instant;
 /// Where the density of a frame comes from.
 pub(super) enum SmokeSource {
     None,
-    Particles { system: Box<ParticleSystem>, splat: SplatSettings },
-    File { pattern: Pattern, grid_name: String },
+    Particles {
+        system: Box<ParticleSystem>,
+        splat: SplatSettings,
+        /// Whether it was said that most particles are born inside obstacles.
+        is_told: bool,
+    },
+    File {
+        pattern: Pattern,
+        grid_name: String,
+    },
 }
 
 impl SmokeSource {
@@ -39,7 +47,7 @@ impl SmokeSource {
         };
         let system = ParticleSystem::build(scene, geometry, build_field(scene, geometry)?)
             .map_err(|e| in_scene(scene, "smoke.emitters", None, e))?;
-        Ok(Self::Particles { system: Box::new(system), splat })
+        Ok(Self::Particles { system: Box::new(system), splat, is_told: false })
     }
 
     pub(super) fn grid(
@@ -51,8 +59,8 @@ impl SmokeSource {
     ) -> Result<Option<DensityGrid>, Error> {
         let grid = match self {
             Self::None => return Ok(None),
-            Self::Particles { system, splat: settings } => {
-                let before = [system.penetrations(), system.born_inside()];
+            Self::Particles { system, splat: settings, is_told } => {
+                let before = [system.penetrations(), system.born(), system.born_inside()];
                 let start = Instant::now();
                 system.at_frame(frame, progress).map_err(|e| in_scene(scene, "flow", Some(frame), e))?;
                 let particles = system.particles();
@@ -74,7 +82,13 @@ impl SmokeSource {
                 let m = splat.mass;
                 record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
                 record.penetrations = system.penetrations() - before[0];
-                record.born_inside = system.born_inside() - before[1];
+                record.born = system.born() - before[1];
+                record.born_inside = system.born_inside() - before[2];
+                let share = record.born_inside as f64 / record.born.max(1) as f64;
+                if share > BORN_INSIDE_NOTED && !*is_told {
+                    *is_told = true;
+                    progress.note(&format!("frame {frame}: {}", born_inside_text("the particles were", share)));
+                }
                 splat.grid
             }
             Self::File { pattern, grid_name } => {
@@ -82,13 +96,22 @@ impl SmokeSource {
                 timed(progress, Stage::Grid, record, 0, || {
                     vdb::read_float_grid(&path, grid_name, grid_memory_limit(scene, 0))
                 })
-                .map_err(|e| in_scene(scene, "smoke.file", Some(frame), e))?
+                .map_err(|e| in_scene(scene, "smoke.file.path", Some(frame), e))?
             }
         };
         record.grid.active_voxels = grid.active_voxel_count();
         record.grid.bytes = grid.memory_bytes();
         Ok(Some(grid))
     }
+}
+
+/// That most of `whose` particles begin inside obstacles, and what to do.
+pub(super) fn born_inside_text(whose: &str, share: f64) -> String {
+    format!(
+        "{:.0} % of {whose} born inside obstacles and put on their walls; move the emitter out of the shapes in \
+         flow.obstacles (of a mesh, raise its `offset`), or take them off that list",
+        100.0 * share
+    )
 }
 
 /// The obstacles of the flow as splatting asks for them: the one place where the two meet.

@@ -52,6 +52,14 @@ pub enum RenderError {
         /// What is wrong with it.
         problem: String,
     },
+    /// A light cannot be made.
+    #[error("{source}")]
+    Light {
+        /// Which, from 0.
+        light_idx: usize,
+        /// What is wrong with it.
+        source: Box<RenderError>,
+    },
     /// Smoke too dense for single precision.
     #[error(
         "the smoke's density reaches {density:.3e}; times smoke.medium.extinction, {extinction:.3e}, this is an extinction \
@@ -96,10 +104,23 @@ pub const SIGMA_MAX: f64 = 1e20;
 pub fn build_world(scene: &Scene, geometry: &Geometry, load: LoadPicture) -> Result<World, RenderError> {
     let surfaces = geometry.trace_scene()?;
     let materials = scene.settings.shapes.values().map(|shape| material(&shape.material)).collect();
-    let lights = scene.settings.lights.iter().map(|l| light(scene, l, load)).collect::<Result<_, _>>()?;
+    let lights = build_lights(scene, load)?;
     // What the camera looks at is what is lit.
     let center = world_point(scene.settings.camera.look_at);
     Ok(World::new(surfaces, materials, lights, center))
+}
+
+/// The lights of a scene in its order.
+///
+/// # Errors
+/// [`RenderError::Light`] when a picture of the surroundings cannot be used.
+pub fn build_lights(scene: &Scene, load: LoadPicture) -> Result<Vec<Light>, RenderError> {
+    let lights = scene.settings.lights.iter().enumerate();
+    lights
+        .map(|(light_idx, settings)| {
+            light(scene, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })
+        })
+        .collect()
 }
 
 /// The smoke of a frame; `None` for a scene without any.

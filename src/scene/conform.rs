@@ -10,6 +10,7 @@ use crate::scene::schema::{
     type_name, variants,
 };
 use crate::scene::tree::{Entry, Node, Value};
+use crate::scene::unit::{advice, advice_for_share, linear_of_hex, unit_of};
 use serde_json::{Map as JsonMap, Value as Json, json};
 use std::collections::HashMap;
 
@@ -17,6 +18,20 @@ use std::collections::HashMap;
 const MAGNITUDE_MAX: f64 = 1e12;
 /// Least positive length, time and so on. Its square is still far above the smallest f32.
 const POSITIVE_MIN: f64 = 1e-9;
+
+/// Keys of other programs and what they are called here.
+const SYNONYMS: [(&str, &str); 10] = [
+    ("start", "first"),
+    ("begin", "first"),
+    ("end", "last"),
+    ("stop", "last"),
+    ("color", "reflectance"),
+    ("colour", "reflectance"),
+    ("target", "look_at"),
+    ("samples", "spp"),
+    ("size", "radius"),
+    ("position", "center"),
+];
 
 /// A tree that fits the schema.
 pub struct Conformed {
@@ -29,7 +44,7 @@ pub struct Conformed {
 /// Compares a tree with a JSON Schema of the subset that schemars makes of plain structs, externally tagged enums,
 /// options, lists and maps.
 pub fn conform(tree: &Node, schema: &Json, collector: &mut Collector<'_>) -> Conformed {
-    let mut walk = Walk { root: schema, collector, mended: Vec::new() };
+    let mut walk = Walk { root: schema, collector, mended: Vec::new(), unit: None };
     let settings = walk.value(tree, schema, Place::START, "");
     Conformed { settings, mended: walk.mended }
 }
@@ -43,6 +58,8 @@ struct Walk<'s, 'c, 'a> {
     root: &'s Json,
     collector: &'c mut Collector<'a>,
     mended: Vec<String>,
+    /// Of the key that is being looked at.
+    unit: Option<&'s str>,
 }
 
 impl<'s> Walk<'s, '_, '_> {
@@ -110,6 +127,10 @@ impl<'s> Walk<'s, '_, '_> {
                 let help = Some("begin with `version: 1`, `camera` and `lights`".into());
                 return self.wrong(at, path, message, help, schema);
             }
+            Value::Null => {
+                let help = Some("its own keys go on the lines below it, indented further than it is".into());
+                return self.wrong_type(node, schema, at, path, help);
+            }
             _ => return self.wrong_type(node, schema, at, path, None),
         };
         let mut result = JsonMap::new();
@@ -141,7 +162,9 @@ impl<'s> Walk<'s, '_, '_> {
             if entry.node.value == Value::Null && member_is_optional(schema, &entry.key) {
                 continue;
             }
+            let outer = std::mem::replace(&mut self.unit, unit_of(member));
             let value = self.value(&entry.node, member, entry.place(), &key_path);
+            self.unit = outer;
             if value != Json::Null {
                 result.insert(entry.key.clone(), value);
             }
@@ -167,7 +190,9 @@ impl<'s> Walk<'s, '_, '_> {
     fn unknown_key(&mut self, entry: &Entry, schema: &'s Json, key_path: &str) -> Option<&'s str> {
         let known: Vec<&str> =
             schema["properties"].as_object().into_iter().flatten().map(|(k, _)| k.as_str()).collect();
-        let meant = nearest(&entry.key, known.iter().copied());
+        let other = SYNONYMS.iter().find(|(name, own)| *name == entry.key && known.contains(own));
+        let meant = other.and_then(|(_, own)| known.iter().copied().find(|name| name == own));
+        let meant = meant.or_else(|| nearest(&entry.key, known.iter().copied()));
         let diagnostic =
             self.collector.error(entry.key_place, key_path, format!("unknown key `{}`", short(&entry.key)));
         match &entry.node.value {
@@ -182,8 +207,15 @@ impl<'s> Walk<'s, '_, '_> {
 
     fn array(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
         let Value::List(items) = &node.value else {
-            let help = match &node.value {
-                Value::Map(_) if schema["maxItems"].is_null() => Some("begin every item with `- `".into()),
+            let help = match (&node.value, schema["minItems"].as_u64()) {
+                (Value::Map(_), None) => Some("begin every item with `- `".into()),
+                (Value::Integer(_) | Value::Float(_), Some(count)) => {
+                    Some(format!("write `[{}]`", vec![found(node); count as usize].join(", ")))
+                }
+                (Value::Text(text), Some(3)) => Some(match linear_of_hex(text) {
+                    Some(list) => format!("write red, green and blue in linear light: `{list}`"),
+                    None => "write three numbers, as in `[0.9, 0.9, 0.9]`".into(),
+                }),
                 _ => None,
             };
             return self.wrong_type(node, schema, at, path, help);
@@ -248,7 +280,7 @@ impl<'s> Walk<'s, '_, '_> {
 
     fn not_a_number(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
         let help = match &node.value {
-            Value::Text(text) => number_help(text),
+            Value::Text(text) => number_help(text, self.unit, is_share(schema)),
             _ => None,
         };
         self.wrong_type(node, schema, at, path, help)
@@ -274,7 +306,8 @@ impl<'s> Walk<'s, '_, '_> {
             }
             _ => return None,
         };
-        Some(self.wrong(at, path, format!("must be {allowed}, found {}", found(node)), None, schema))
+        let help = if is_share(schema) { advice_for_share(value) } else { None };
+        Some(self.wrong(at, path, format!("must be {allowed}, found {}", found(node)), help, schema))
     }
 
     fn variant(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
@@ -389,16 +422,20 @@ fn short(text: &str) -> String {
     if text.chars().count() > 40 { format!("{line}…") } else { line }
 }
 
+/// Whether a number is a share of something: from 0 to 1.
+fn is_share(schema: &Json) -> bool {
+    schema["minimum"].as_f64() == Some(0.0) && schema["maximum"].as_f64() == Some(1.0)
+}
+
 /// What a text that stands for a number should have been.
-fn number_help(text: &str) -> Option<String> {
+fn number_help(text: &str, unit: Option<&str>, is_share: bool) -> Option<String> {
     let text = text.trim();
     if text.parse::<f64>().is_ok_and(f64::is_finite) {
         return Some("remove the quotes".into());
     }
-    let number = text.trim_end_matches(|c: char| c.is_alphabetic() || matches!(c, '%' | '°' | '/' | '²' | ' '));
-    if number != text && number.parse::<f64>().is_ok_and(f64::is_finite) {
-        return Some(format!("write `{number}`; units are fixed"));
-    }
     let dotted = text.replacen(',', ".", 1);
-    (dotted != text && dotted.parse::<f64>().is_ok()).then(|| format!("write `{dotted}`, with a point"))
+    if dotted != text && dotted.parse::<f64>().is_ok() {
+        return Some(format!("write `{dotted}`, with a point"));
+    }
+    advice(&dotted, unit, is_share)
 }

@@ -11,6 +11,7 @@ pub mod reference;
 pub mod schema;
 pub mod settings;
 pub mod tree;
+pub mod unit;
 pub mod validate;
 mod validate_flow;
 mod validate_smoke;
@@ -276,10 +277,12 @@ fn parsed(text: &str, source_idx: usize, key: &str, collector: &mut Collector<'_
 
 fn apply_override(tree: &mut Node, key: &str, value: &str, source_idx: usize, collector: &mut Collector<'_>) {
     let place = Place { source_idx, position: Place::START.position, length: value.chars().count().max(1) };
-    let Some(node) = parsed(value, source_idx, key, collector) else { return };
-    if node.value == Value::Null {
-        collector.error(place, key, "has no value").help("write `--set camera.vertical_fov_deg=40`");
-    } else if let Err(message) = tree.set(key, node, place) {
+    let Some(mut node) = parsed(value, source_idx, key, collector) else { return };
+    if node.place.length == 0 && node.value == Value::Null {
+        // Nothing has no length, and the key in the file would be blamed.
+        node.place = place;
+    }
+    if let Err(message) = tree.set(key, node, place) {
         collector.error(place, key, message);
     }
 }

@@ -134,6 +134,19 @@ impl Pattern {
     }
 }
 
+/// Frames in the shortest common spelling: runs as ranges, `1-3,7`.
+pub fn spell(frames: &[i32]) -> String {
+    let mut parts: Vec<(i32, i32)> = Vec::new();
+    for &frame in frames {
+        match parts.last_mut() {
+            Some((_, last)) if last.checked_add(1) == Some(frame) => *last = frame,
+            _ => parts.push((frame, frame)),
+        }
+    }
+    let spelled = parts.iter().map(|&(a, b)| if a == b { a.to_string() } else { format!("{a}-{b}") });
+    spelled.collect::<Vec<_>>().join(",")
+}
+
 /// Decimal digits at the start of a text: their value, saturating, and their number.
 fn digits(text: &str) -> (usize, usize) {
     let count = text.bytes().take_while(u8::is_ascii_digit).count();
@@ -213,5 +226,11 @@ mod tests {
         assert!(error.to_string().contains("`{frme}`"), "{error}");
         assert!(matches!(Pattern::parse("%0999999999999999999999d"), Err(PatternError::TooWide { .. })));
         assert!(matches!(Pattern::parse(&"#".repeat(33)), Err(PatternError::TooWide { .. })));
+    }
+
+    #[test]
+    fn frames_are_spelled_briefly() {
+        assert_eq!(spell(&[1, 2, 3, 7, 9, 10, 5]), "1-3,7,9-10,5");
+        assert_eq!(spell(&[-2, -1, 0]), "-2-0");
     }
 }

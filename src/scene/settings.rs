@@ -80,7 +80,8 @@ pub struct Frames {
     #[schemars(range(min = 0.001, max = 10000.0))]
     pub fps: f64,
     /// Opening and closing of the shutter, in frames relative to the frame. Default [0, 0]: no motion blur. Smoke is
-    /// smeared straight along the velocity it has at the frame; the camera stands still.
+    /// smeared straight along the velocity it has at the frame; the camera stands still, and solids, even those that move,
+    /// are sharp where they are at the frame.
     pub shutter: [f64; 2],
 }
 

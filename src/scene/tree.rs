@@ -254,10 +254,28 @@ impl SourceText<'_> {
                 let line = self.text.lines().nth(place.position.line as usize - 1).unwrap_or_default();
                 let has_placeholder = ["{scene}", "{frame"].iter().any(|name| line.contains(name));
                 let help = "inside `{...}` a file name with braces of its own must be in quotes";
-                (format!("not YAML: {plain}"), has_placeholder.then(|| help.into()))
+                let help = if has_placeholder { Some(help.into()) } else { self.indentation_help(place.position) };
+                (format!("not YAML: {plain}"), help)
             }
         };
         SyntaxError { place, message, help }
+    }
+
+    /// What may be wrong with a line at whose beginning reading stopped.
+    fn indentation_help(&self, position: Position) -> Option<String> {
+        let column_of = |line: &str| line.chars().take_while(|c| matches!(c, ' ' | '-')).count() + 1;
+        let index = position.line as usize - 1;
+        let column = self.text.lines().nth(index).map(column_of)?;
+        let is_text = |line: &str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+        let before = self.text.lines().take(index).enumerate().filter(|(_, line)| is_text(line)).last();
+        let (before_index, before_column) = before.map(|(i, line)| (i, column_of(line)))?;
+        (column == position.column as usize && column != before_column).then(|| {
+            format!(
+                "keys of one map begin in the same column: this line begins in column {column}, line {} in column \
+                 {before_column}",
+                before_index + 1
+            )
+        })
     }
 }
 

@@ -2,7 +2,7 @@
 //! fits into memory. All problems are collected.
 
 use crate::scene::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
-use crate::scene::pattern::Pattern;
+use crate::scene::pattern::{Pattern, spell};
 use crate::scene::schema::decimal;
 use crate::scene::settings::{Camera, Environment, Frames, Light, Mask, Output, Potential, Settings, Shape, Vec3};
 use crate::scene::tree::Node;
@@ -234,6 +234,10 @@ impl<'s> Check<'s, '_, '_> {
     pub(crate) fn missing(&mut self, key: &str, name: &str) {
         let path = resolve(self.path, name);
         let near = nearest_file(&path);
+        self.missing_file(key, &path, near);
+    }
+
+    fn missing_file(&mut self, key: &str, path: &Path, near: Option<String>) {
         if path.is_dir() {
             self.error(key, key, format!("`{}` is a folder, not a file", path.display()));
         } else if let Some(diagnostic) = self.error(key, key, format!("there is no file `{}`", path.display())) {
@@ -243,6 +247,35 @@ impl<'s> Check<'s, '_, '_> {
             }
             diagnostic.help("relative names start from the folder of the scene file");
         }
+    }
+
+    /// Files of a sequence that are not there: the frames, of how many, and the name of the first.
+    pub(crate) fn missing_frames(&mut self, key: &str, frames: &[i32], count: usize, first_name: &str) {
+        let path = resolve(self.path, first_name);
+        if path.is_dir() {
+            self.missing_file(key, &path, None);
+            return;
+        }
+        let which = match frames {
+            [frame] => format!("frame {frame}"),
+            _ if frames.len() == count => format!("any of the frames {}", spell(frames)),
+            _ => format!("the frames {}", spell(frames)),
+        };
+        let more = if frames.len() > 1 { " and so on" } else { "" };
+        let message = format!("there is no file for {which}: `{}`{more}", path.display());
+        // A name that differs in its number alone is another frame, which is not what was meant.
+        let letters = |name: &str| name.chars().filter(|c| !c.is_ascii_digit() && *c != '-').collect::<String>();
+        let missing = path.file_name().map(|name| letters(&name.to_string_lossy())).unwrap_or_default();
+        let near = nearest_file(&path).filter(|near| letters(near) != missing);
+        let Some(diagnostic) = self.error(key, key, message) else { return };
+        diagnostic.fault(Fault::MissingFile);
+        if let Some(near) = near {
+            diagnostic.help(format!("did you mean `{near}`?"));
+        }
+        if frames.len() < count {
+            diagnostic.help("make the files, or choose the frames that there are with `frames: {first: …, last: …}`");
+        }
+        diagnostic.help("relative names start from the folder of the scene file");
     }
 
     /// A file that must exist and have one of some endings.

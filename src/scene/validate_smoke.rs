@@ -3,6 +3,7 @@
 use crate::scene::diagnostic::Fault;
 use crate::scene::schema::decimal;
 use crate::scene::settings::{Emitter, Phase, Smoke};
+use crate::scene::unit::tidy;
 use crate::scene::validate::{Check, difference, length};
 use crate::scene::{footprint, resolve};
 
@@ -48,6 +49,7 @@ impl Check<'_, '_, '_> {
                     let message = format!("must be at least 1.5 voxels, {least}, found {}", decimal(reach));
                     self.error("smoke.grid.kernel_radius", "smoke.grid", message);
                 }
+                self.voxel(smoke, grid.voxel_size);
                 let oldest = smoke.emitters.iter().map(|e| e.lifetime * (1.0 + e.lifetime_spread)).fold(0.0, f64::max);
                 let widest = (reach * reach + grid.expansion * grid.expansion * oldest).sqrt() / grid.voxel_size;
                 if widest > KERNEL_VOXELS_MAX {
@@ -99,6 +101,26 @@ impl Check<'_, '_, '_> {
             );
             let help = "raise `smoke.medium.extinction`, or the `mass` of the emitters";
             self.warning("smoke.medium.extinction", "smoke", message, help);
+        }
+    }
+
+    /// Warns of voxels so large that the smoke begins as a single one.
+    fn voxel(&mut self, smoke: &Smoke, voxel_size: f64) {
+        let widths = smoke.emitters.iter().filter_map(|emitter| {
+            let radius = emitter.disk.as_ref().map(|s| s.radius).or(emitter.sphere.as_ref().map(|s| s.radius));
+            let longest_edge = emitter.cuboid.as_ref().map(|s| s.size.iter().copied().fold(0.0, f64::max));
+            radius.map(|radius| 2.0 * radius).or(longest_edge)
+        });
+        let Some(widest) = widths.max_by(f64::total_cmp) else { return };
+        // Meshes have no size before they are read.
+        if voxel_size > widest && smoke.emitters.iter().all(|emitter| emitter.mesh.is_none()) {
+            let message = format!(
+                "a voxel of {} m is larger than the widest emitter, {} m: the smoke will have no shape",
+                decimal(voxel_size),
+                decimal(widest)
+            );
+            let help = format!("a tenth of the emitter shows its shape: `voxel_size: {}`", tidy(widest / 10.0));
+            self.warning("smoke.grid.voxel_size", "smoke", message, help);
         }
     }
 
@@ -179,13 +201,21 @@ impl Check<'_, '_, '_> {
             return;
         }
         let scene = self.path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-        let looked = if pattern.has_frame() { count.min(FILE_COUNT_MAX) } else { 1 };
-        for frame in (i64::from(frames.first)..).take(looked as usize) {
-            let name = pattern.expand(frame as i32, &scene);
+        if !pattern.has_frame() {
+            let name = pattern.expand(frames.first, &scene);
             if !resolve(self.path, &name).is_file() {
                 self.missing(key, &name);
-                return;
             }
+            return;
+        }
+        let looked = count.min(FILE_COUNT_MAX) as usize;
+        let name_of = |frame: &i32| pattern.expand(*frame, &scene);
+        let missing: Vec<i32> = (frames.first..=frames.last)
+            .take(looked)
+            .filter(|frame| !resolve(self.path, &name_of(frame)).is_file())
+            .collect();
+        if let Some(first) = missing.first() {
+            self.missing_frames(key, &missing, looked, &name_of(first));
         }
     }
 

@@ -41,6 +41,20 @@ pub enum Potential {
 }
 
 impl Potential {
+    /// Its key in the scene file.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Uniform(_) => "uniform",
+            Self::Shear(_) => "shear",
+            Self::Rigid(_) => "rigid",
+            Self::Plume(_) => "plume",
+            Self::Noise(_) => "noise",
+            Self::Vortex(_) => "vortex",
+            Self::VortexRing(_) => "vortex_ring",
+            Self::VortexCurve(_) => "vortex_curve",
+        }
+    }
+
     /// The masks that it is multiplied with.
     pub fn masks(&self) -> &[Mask] {
         match self {

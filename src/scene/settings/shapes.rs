@@ -167,7 +167,8 @@ impl Default for Rotation {
     }
 }
 
-/// How a shape moves: rigidly, from key to key. Before the first key and after the last it stands still.
+/// How a shape moves: rigidly, from key to key. Before the first key and after the last it stands still. In pictures it
+/// has no motion blur, whatever the shutter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Motion {

@@ -24,7 +24,7 @@ pub struct Smoke {
     #[serde(default)]
     pub medium: Medium,
     /// Which of the many smokes that these settings give: particles and noise. With it, `render.seed` changes the grain
-    /// of the picture and not the smoke. Default `render.seed`.
+    /// of the picture and not the smoke, for comparing and averaging (docs/verbs.md). Default `render.seed`.
     #[serde(default)]
     pub seed: Option<u64>,
 }
