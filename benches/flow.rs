@@ -12,7 +12,7 @@ use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
 use curlsmoke::math::real::Lane;
 use curlsmoke::math::space::Similarity;
-use curlsmoke::particles::advect::{CLASSICAL, Coordinates, MIDPOINT, advance, evaluate};
+use curlsmoke::particles::advect::{CLASSICAL, Coordinates, MIDPOINT, advance, advanced, evaluate};
 use fearless_simd::Simd;
 use glam::DVec3;
 use std::hint::black_box;
@@ -65,6 +65,78 @@ impl Kernel for Noise<'_> {
     }
 }
 
+/// Noise as it is most often had: permutation table, twelve gradients, value alone, one point at a time (Perlin 2002).
+struct Perlin([u8; 512]);
+
+impl Perlin {
+    fn new(seed: u64) -> Self {
+        let mut table: Vec<u8> = (0..=255).collect();
+        for i in (1..256).rev() {
+            table.swap(i, (Seed(seed).word(i as u64) % (i as u64 + 1)) as usize);
+        }
+        Self(std::array::from_fn(|i| table[i & 255]))
+    }
+
+    fn value(&self, p: [f32; 3]) -> f32 {
+        let cell = p.map(|x| x.floor() as i32 as usize & 255);
+        let f = p.map(|x| x - x.floor());
+        let [u, v, w] = f.map(|t| t * t * t * (t * (t * 6.0 - 15.0) + 10.0));
+        let corner = |i: usize, j: usize, k: usize| {
+            let at = |n: usize| usize::from(self.0[n & 511]);
+            let hash = at(at(at(cell[0] + i) + cell[1] + j) + cell[2] + k) & 15;
+            let [x, y, z] = [f[0] - i as f32, f[1] - j as f32, f[2] - k as f32];
+            let a = if hash < 8 { x } else { y };
+            let b = if hash < 4 {
+                y
+            } else if hash == 12 || hash == 14 {
+                x
+            } else {
+                z
+            };
+            (if hash & 1 == 0 { a } else { -a }) + (if hash & 2 == 0 { b } else { -b })
+        };
+        let mix = |t: f32, a: f32, b: f32| a + t * (b - a);
+        let row = |j: usize, k: usize| mix(u, corner(0, j, k), corner(1, j, k));
+        mix(w, mix(v, row(0, 0), row(1, 0)), mix(v, row(0, 1), row(1, 1)))
+    }
+}
+
+/// The curl of four octaves by central differences, as in the paper of 2007.
+fn difference_curl(noise: &[Perlin; 3], p: [f32; 3]) -> [f32; 3] {
+    const STEP: f32 = 1e-3;
+    let slope = |c: usize, axis: usize| {
+        let (mut frequency, mut amplitude, mut sum) = (2.0, 0.3, 0.0);
+        for _ in 0..4 {
+            let (mut a, mut b) = (p, p);
+            a[axis] -= STEP;
+            b[axis] += STEP;
+            sum += amplitude * (noise[c].value(b.map(|x| x * frequency)) - noise[c].value(a.map(|x| x * frequency)));
+            frequency *= 2.0;
+            amplitude *= 0.4;
+        }
+        sum / (2.0 * STEP)
+    };
+    [slope(2, 1) - slope(1, 2), slope(0, 2) - slope(2, 0), slope(1, 0) - slope(0, 1)]
+}
+
+/// A midpoint step of all points.
+fn difference_step(noise: &[Perlin; 3], p: &mut Coordinates, h: f32) {
+    for i in 0..p[0].len() {
+        let x = [0, 1, 2].map(|a| p[a][i]);
+        let v = difference_curl(noise, x);
+        let w = difference_curl(noise, [0, 1, 2].map(|a| x[a] + 0.5 * h * v[a]));
+        (0..3).for_each(|a| p[a][i] += h * w[a]);
+    }
+}
+
+/// A midpoint step of all points, one at a time in double precision.
+fn scalar_step(span: &FieldSpan, p: &mut Coordinates, h: f32) {
+    for i in 0..p[0].len() {
+        let q = advanced(span, MIDPOINT, h, [0, 1, 2].map(|a| f64::from(p[a][i])), 0.0);
+        (0..3).for_each(|a| p[a][i] = q[a] as f32);
+    }
+}
+
 fn scalar(span: &FieldSpan, p: &Coordinates) -> f64 {
     (0..p[0].len()).map(|i| span.velocity([0, 1, 2].map(|a| f64::from(p[a][i])), 0.0)[0]).sum()
 }
@@ -101,5 +173,26 @@ fn flow(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, flow);
+/// Steps of the midpoint rule through four octaves without walls: ours, and the ways that others do it.
+fn steps(c: &mut Criterion) {
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let mut group = c.benchmark_group("particle steps, rk2, 4 octaves");
+    group.throughput(Throughput::Elements(COUNT as u64));
+    let h = 1.0 / 24.0;
+    let field = field(4, false);
+    let span = field.span(0.3, f64::from(h));
+    let mut p = points(COUNT);
+    group.bench_function("lanes, one thread", |b| {
+        one_thread.install(|| b.iter(|| advance(&span, MIDPOINT, f64::from(h), &mut p, 0..COUNT, None)));
+    });
+    group.bench_function("lanes, all threads", |b| {
+        b.iter(|| advance(&span, MIDPOINT, f64::from(h), &mut p, 0..COUNT, None));
+    });
+    group.bench_function("scalar f64", |b| b.iter(|| scalar_step(&span, &mut p, h)));
+    let noise = [1, 2, 3].map(Perlin::new);
+    group.bench_function("central differences of scalar noise", |b| b.iter(|| difference_step(&noise, &mut p, h)));
+    group.finish();
+}
+
+criterion_group!(benches, flow, steps);
 criterion_main!(benches);

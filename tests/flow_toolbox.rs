@@ -9,7 +9,7 @@ use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
 use curlsmoke::flow::mask::{Block, Mask, Wake};
 use curlsmoke::flow::noise::RMS_SPEED;
 use curlsmoke::flow::obstacles::{Boundary, Wall, build_obstacles};
-use curlsmoke::flow::octaves::{OctavesSettings, octaves};
+use curlsmoke::flow::octaves::{Form, OctavesSettings, octaves};
 use curlsmoke::flow::vortex::{Vortex, smooth_curve};
 use curlsmoke::geometry::motion::{Motion, Pose};
 use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
@@ -92,7 +92,14 @@ fn sources(is_masked: bool) -> Vec<Source> {
     ];
     potentials.extend(noise(OctavesSettings { spin_rate: 0.5, seed: Seed(4), ..Default::default() }));
     potentials.extend(noise(OctavesSettings { evolve_rate: 0.8, seed: Seed(5), ..Default::default() }));
-    potentials.extend(noise(OctavesSettings { planar: Some(v(0.1, 0.2, 1.0)), seed: Seed(6), ..Default::default() }));
+    potentials.extend(noise(OctavesSettings {
+        form: Form::Planar(v(0.1, 0.2, 1.0)),
+        seed: Seed(6),
+        ..Default::default()
+    }));
+    potentials.extend(noise(OctavesSettings { form: Form::Bitangent, seed: Seed(7), ..Default::default() }));
+    let evolving = OctavesSettings { form: Form::Bitangent, evolve_rate: 0.6, seed: Seed(8), ..Default::default() };
+    potentials.extend(noise(evolving));
     let masks = masks();
     // One of them alone or two at once.
     let both = |i: usize| [i, i / 2 + 3].map(|k| masks[k % masks.len()].clone()).to_vec();

@@ -5,14 +5,14 @@ use crate::flow::elements::{Column, Shear, rigid};
 use crate::flow::gauge::{HoleFlux, Parabola, WindExcess, reference_at};
 use crate::flow::mask::Mask;
 use crate::flow::obstacles::{Boundary, Ground, Obstacle};
-use crate::flow::octaves::{Octave, OctaveSpan};
+use crate::flow::octaves::{Form, Octave, OctaveSpan};
 use crate::flow::potential::{Psi, uniform};
 use crate::flow::ramp::removed;
 use crate::flow::vortex::{Vortex, VortexSpan};
 use crate::flow::walls::{NOTICE, NearObstacle, NearWalls};
 use crate::geometry::motion::RigidSpan;
 use crate::math::jet::Scalar;
-use crate::math::real::{Lane, dot, triple};
+use crate::math::real::{Lane, cross, dot, triple};
 use glam::DVec3;
 
 /// Sampled distances change by up to so many metres for each metre.
@@ -151,7 +151,8 @@ impl Source {
         for (obstacle, motion) in obstacles.iter().zip(motions) {
             let motion = motion.as_ref();
             let influence = obstacle.influence(self.wanted_influence(obstacle));
-            let hole = obstacle.hole().map(|hole| HoleFlux::new(hole, motion, |p, phase| span.psi(p, phase).value));
+            let hole = obstacle.hole().filter(|_| span.is_vector());
+            let hole = hole.map(|hole| HoleFlux::new(hole, motion, |p, phase| span.psi(p, phase).value));
             let gauge = match &self.potential {
                 Potential::Uniform { velocity, .. } if self.masks.is_empty() => {
                     Gauge::Wind(WindExcess::new(*velocity, obstacle, motion))
@@ -236,7 +237,7 @@ impl Carrier {
 }
 
 impl SourceSpan<'_> {
-    /// The potential with its masks, before there are walls.
+    /// The potential with its masks, before there are walls. Of bitangents the two scalars, the first of them masked.
     #[inline(never)]
     fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         phase.outlined(
@@ -259,7 +260,14 @@ impl SourceSpan<'_> {
             PotentialSpan::Octave(octave) => octave.psi(p, phase),
         };
         for mask in self.masks {
-            psi = psi.modulated(&mask.at(p));
+            let modulated = psi.modulated(&mask.at(p));
+            psi = match &self.potential {
+                PotentialSpan::Octave(octave) if octave.octave().form() == Form::Bitangent => Psi {
+                    value: [modulated.value[0], psi.value[1], psi.value[2]],
+                    jacobian: [modulated.jacobian[0], psi.jacobian[1], psi.jacobian[2]],
+                },
+                _ => modulated,
+            };
         }
         psi
     }
@@ -299,8 +307,25 @@ impl SourceSpan<'_> {
         }
     }
 
-    fn is_planar(&self) -> bool {
-        matches!(&self.potential, PotentialSpan::Octave(octave) if octave.octave().is_planar())
+    /// Whether the potential is a vector, and no stream function or pair of scalars.
+    #[inline(always)]
+    fn is_vector(&self) -> bool {
+        match &self.potential {
+            PotentialSpan::Octave(octave) => octave.octave().form() == Form::Curl,
+            _ => true,
+        }
+    }
+
+    /// The velocity [m/s] of what walls have left of a potential.
+    #[inline(always)]
+    fn velocity<L: Lane>(&self, psi: &Psi<L>, kept: &Psi<L>) -> [L; 3] {
+        match &self.potential {
+            // Of the two scalars walls and masks bend the first alone.
+            PotentialSpan::Octave(octave) if octave.octave().form() == Form::Bitangent => {
+                cross(kept.jacobian[0], psi.jacobian[1])
+            }
+            _ => curl(kept),
+        }
     }
 }
 
@@ -354,21 +379,21 @@ impl FieldSpan<'_> {
         let mut velocity = [zero; 3];
         for source in &self.sources {
             let psi = source.psi(p, phase);
-            let mut v = curl(&psi);
+            let mut kept = psi;
             let mut first = 0;
             while let Some(obstacle_idx) = near.obstacle(first) {
                 let influence = source.walls[obstacle_idx].influence;
                 let (found, next) = near.near_obstacle(first, influence);
                 first = next;
                 let Some(mut found) = found else { continue };
-                if source.is_planar() {
-                    // Equation 3: a stream function has no part along the normal.
+                if !source.is_vector() {
+                    // Equation 3: a scalar has no part along the normal.
                     found.wall.normal = None;
                 }
                 let motion = self.motions[obstacle_idx].as_ref();
-                let lost = curl(&removed(&source.excess(&psi, &found, motion, p, phase), &found.wall));
-                v = triple!(i => v[i] - lost[i]);
+                kept = kept.minus(&removed(&source.excess(&psi, &found, motion, p, phase), &found.wall));
             }
+            let v = source.velocity(&psi, &kept);
             velocity = triple!(i => velocity[i] + v[i]);
         }
         let mut first = 0;

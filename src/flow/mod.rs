@@ -19,7 +19,7 @@ use crate::flow::field::{Potential, Source};
 use crate::flow::mask::{Block, Mask, Wake};
 use crate::flow::noise::RMS_SPEED;
 use crate::flow::obstacles::{Boundary, Wall, build_obstacles};
-use crate::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use crate::flow::octaves::{Form, OctavesSettings, kolmogorov_gain, octaves};
 use crate::flow::vortex::{Vortex, smooth_curve};
 use crate::geometry::primitive::{Cuboid, Primitive, Sphere};
 use crate::geometry::sdf::PlacedSdf;
@@ -317,7 +317,11 @@ fn octaves_settings(n: &settings::Noise, seed: Seed) -> OctavesSettings {
         },
         spin_rate: n.spin_rate,
         evolve_rate: n.evolve_rate,
-        planar: n.planar.map(DVec3::from_array),
+        form: match (n.planar, n.form) {
+            (Some(normal), _) => Form::Planar(DVec3::from_array(normal)),
+            (None, settings::NoiseForm::Curl) => Form::Curl,
+            (None, settings::NoiseForm::Bitangent) => Form::Bitangent,
+        },
         offset: n.offset,
         scroll: n.scroll,
         seed: seed.derive(n.seed),

@@ -1,7 +1,7 @@
 //! Swirls of many sizes: octaves of noise, each with its length, speed, spin, place and orientation.
 
 use crate::flow::flow_noise::Spin;
-use crate::flow::noise::{NoiseSeed, RMS_SPEED, evolving_noise, gradient_noise, seed_words};
+use crate::flow::noise::{NoiseSeed, RMS_BITANGENT, RMS_SPEED, evolving_noise, gradient_noise, noise_pair, seed_words};
 use crate::flow::potential::Psi;
 use crate::math::hash::{CounterRng, Seed};
 use crate::math::real::{Lane, dot, triple};
@@ -25,8 +25,8 @@ pub struct OctavesSettings {
     pub spin_rate: f64,
     /// Replacements per second of the largest swirls by others: noise in four dimensions. Excludes `spin_rate`.
     pub evolve_rate: f64,
-    /// Swirls in the planes across this direction alone.
-    pub planar: Option<DVec3>,
+    /// How swirls are made of noise.
+    pub form: Form,
     /// How far the pattern is moved [m].
     pub offset: [f64; 3],
     /// Velocity of the pattern [m/s].
@@ -45,12 +45,24 @@ impl Default for OctavesSettings {
             gain: kolmogorov_gain(2.0),
             spin_rate: 0.0,
             evolve_rate: 0.0,
-            planar: None,
+            form: Form::Curl,
             offset: [0.0; 3],
             scroll: [0.0; 3],
             seed: Seed(0),
         }
     }
+}
+
+/// How a velocity is made of noise.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Form {
+    /// The curl of three components.
+    #[default]
+    Curl,
+    /// The curl of one component along this direction, that does not change along it: swirls in the planes across.
+    Planar(DVec3),
+    /// `∇f × ∇g` of two components: cheaper, and a wall needs to bend f alone.
+    Bitangent,
 }
 
 /// The factor on speed from one octave to the next in Kolmogorov's inertial range, where the speed of swirls of size L
@@ -63,10 +75,12 @@ pub fn kolmogorov_gain(lacunarity: f64) -> f64 {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Octave {
     length: f64,
-    /// Factor on unit noise [m²/s].
+    /// Root mean square [m/s].
+    speed: f64,
+    /// Factor on unit noise: [m²/s] for the curl, [m³/s] for bitangents.
     amplitude: f64,
     time: Time,
-    planar: Option<DVec3>,
+    form: Form,
     scroll: [f64; 3],
     offset: [f64; 3],
     /// Rows: the axes of this octave's lattice.
@@ -119,8 +133,16 @@ pub fn octaves(settings: &OctavesSettings) -> Vec<Octave> {
             let speed = settings.speed * settings.gain.powi(k as i32);
             Octave {
                 length,
-                amplitude: speed * length / RMS_SPEED,
-                planar: settings.planar.map(DVec3::normalize),
+                amplitude: match settings.form {
+                    Form::Curl | Form::Planar(_) => speed * length / RMS_SPEED,
+                    // On f alone; both gradients are by lattice units.
+                    Form::Bitangent => speed * length * length / RMS_BITANGENT,
+                },
+                speed,
+                form: match settings.form {
+                    Form::Planar(normal) => Form::Planar(normal.normalize()),
+                    form => form,
+                },
                 scroll: settings.scroll,
                 offset: settings.offset,
                 axes: random_axes(&mut rng),
@@ -154,12 +176,12 @@ impl Octave {
 
     /// Root mean square speed [m/s].
     pub fn speed(&self) -> f64 {
-        self.amplitude * RMS_SPEED / self.length
+        self.speed
     }
 
-    /// Whether it is a stream function in planes.
-    pub fn is_planar(&self) -> bool {
-        self.planar.is_some()
+    /// How its velocity is made.
+    pub fn form(&self) -> Form {
+        self.form
     }
 
     /// The octave from `start` [s], lasting `duration` [s].
@@ -191,7 +213,8 @@ impl OctaveSpan {
         &self.octave
     }
 
-    /// The potential at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
+    /// The potential at `p` [m], or of bitangents the two scalars in the first two components; `phase` runs from 0 at
+    /// the start of the span to 1 at its end.
     #[inline(never)]
     pub fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         phase.outlined(
@@ -203,13 +226,13 @@ impl OctaveSpan {
     #[inline(always)]
     fn psi_here<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         let octave = &self.octave;
-        let p = match octave.planar {
-            Some(normal) => {
+        let p = match octave.form {
+            Form::Planar(normal) => {
                 let n: [L; 3] = triple!(i => phase.lit(normal[i]));
                 let height = dot(n, p);
                 triple!(i => p[i] - height * n[i])
             }
-            None => p,
+            Form::Curl | Form::Bitangent => p,
         };
         let inverse = 1.0 / octave.length;
         let to_lattice: [[L; 3]; 3] = triple!(j => triple!(i => phase.lit(octave.axes[j][i] * inverse)));
@@ -221,16 +244,20 @@ impl OctaveSpan {
         let unit = match &self.change {
             Change::Spin { start, turns } => {
                 let spin = Spin::advanced(*start, phase.lit(*turns) * phase);
-                gradient_noise(q, self.cell, seed_words(phase, octave.seed), spin)
+                match octave.form {
+                    Form::Bitangent => noise_pair(q, self.cell, seed_words(phase, octave.seed), spin),
+                    _ => gradient_noise(q, self.cell, seed_words(phase, octave.seed), spin),
+                }
             }
             Change::Evolve { step, start, more } => {
                 let time = phase.mul_add(phase.lit(*more), phase.lit(*start));
                 evolving_noise(q, self.cell, octave.seed, *step, time)
             }
         };
-        let unit = match octave.planar {
-            Some(normal) => self.planar(&unit, normal),
-            None => unit,
+        let unit = match octave.form {
+            Form::Planar(normal) => self.planar(&unit, normal),
+            Form::Curl => unit,
+            Form::Bitangent => return self.pair(&unit, &to_lattice),
         };
         let amplitude = phase.lit(octave.amplitude);
         let scaled: [[L; 3]; 3] = triple!(j => triple!(i => to_lattice[j][i] * amplitude));
@@ -247,6 +274,22 @@ impl OctaveSpan {
 }
 
 impl OctaveSpan {
+    /// f [m³/s] and g from the first two components.
+    #[inline(always)]
+    fn pair<L: Lane>(&self, unit: &Psi<L>, to_lattice: &[[L; 3]; 3]) -> Psi<L> {
+        let one = unit.value[0].lit(1.0);
+        let factors = [one.lit(self.octave.amplitude), one, one.lit(0.0)];
+        Psi {
+            value: triple!(c => unit.value[c] * factors[c]),
+            jacobian: triple!(c => {
+                let row: [L; 3] = triple!(j => unit.jacobian[c][j] * factors[c]);
+                triple!(i => {
+                    row[0].mul_add(to_lattice[0][i], row[1].mul_add(to_lattice[1][i], row[2] * to_lattice[2][i]))
+                })
+            }),
+        }
+    }
+
     /// The first component alone, along `normal` and without its change along it: a stream function in the planes
     /// across, with a third of the mean square speed that all three components have.
     #[inline(always)]
@@ -271,6 +314,7 @@ impl OctaveSpan {
 mod tests {
     use super::*;
     use crate::flow::curl::{central_jacobian, curl};
+    use crate::math::real::cross;
 
     fn settings() -> OctavesSettings {
         OctavesSettings {
@@ -306,8 +350,10 @@ mod tests {
     #[test]
     fn speed_stays_the_same_while_swirls_are_replaced_and_in_the_plane() {
         let n = 40_000;
-        for (planar, evolve_rate) in [(None, 0.7), (Some(DVec3::new(0.2, 1.0, 0.3)), 0.0)] {
-            let settings = OctavesSettings { planar, evolve_rate, spin_rate: 0.0, ..settings() };
+        let across = DVec3::new(0.2, 1.0, 0.3);
+        let forms = [(Form::Curl, 0.7), (Form::Planar(across), 0.0), (Form::Bitangent, 0.0)];
+        for (form, evolve_rate) in forms {
+            let settings = OctavesSettings { form, evolve_rate, spin_rate: 0.0, ..settings() };
             let octave = &octaves(&settings)[0];
             for time in [0.0, 0.5, 0.714] {
                 let span = octave.span(time, 0.3);
@@ -315,13 +361,15 @@ mod tests {
                 let mut square = 0.0;
                 for _ in 0..n {
                     let p = std::array::from_fn(|_| f64::from(rng.uniform()) * 2000.0 - 1000.0);
-                    let v = DVec3::from_array(curl(&span.psi(p, 0.6)));
+                    let psi = span.psi(p, 0.6);
+                    let v = DVec3::from_array(match form {
+                        Form::Bitangent => cross(psi.jacobian[0], psi.jacobian[1]),
+                        _ => curl(&psi),
+                    });
                     square += v.length_squared() / f64::from(n);
-                    if let Some(normal) = planar {
-                        assert!(v.dot(normal.normalize()).abs() < 1e-12);
-                    }
+                    assert!(form != Form::Planar(across) || v.dot(across.normalize()).abs() < 1e-12);
                 }
-                assert!((square.sqrt() / 1.3 - 1.0).abs() < 0.02, "{planar:?} at {time} s: {}", square.sqrt());
+                assert!((square.sqrt() / 1.3 - 1.0).abs() < 0.02, "{form:?} at {time} s: {}", square.sqrt());
             }
         }
     }

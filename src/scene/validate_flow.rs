@@ -1,7 +1,7 @@
 //! What a schema cannot say about the flow and about shapes that move.
 
 use crate::scene::schema::decimal;
-use crate::scene::settings::{Mask, Motion, Noise, Potential, Vec3, VortexCurve};
+use crate::scene::settings::{Mask, Motion, Noise, NoiseForm, Potential, Vec3, VortexCurve};
 use crate::scene::validate::{Check, difference, is_parallel, length};
 use std::collections::BTreeSet;
 
@@ -108,6 +108,10 @@ impl Check<'_, '_, '_> {
         }
         if let Some(normal) = noise.planar {
             self.direction(&format!("{key}.planar"), normal);
+            if noise.form == NoiseForm::Bitangent {
+                let key = format!("{key}.planar");
+                self.error_help(&key, &key, "`planar` swirls are curls", "leave out `planar`, or `form: bitangent`");
+            }
         }
         let smoke = self.settings.smoke.as_ref();
         let Some(voxel) = smoke.and_then(|smoke| smoke.grid.as_ref()).map(|grid| grid.voxel_size) else { return };

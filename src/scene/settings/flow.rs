@@ -194,6 +194,9 @@ pub struct Noise {
     /// 0. Default all three dimensions.
     #[serde(default)]
     pub planar: Option<Vec3>,
+    /// How the velocity is made of noise. Default curl.
+    #[serde(default)]
+    pub form: NoiseForm,
     /// Velocity with which the pattern itself moves [m/s]. Default 0.
     #[serde(default)]
     pub scroll: Vec3,
@@ -214,6 +217,17 @@ fn octaves() -> u32 {
 
 fn lacunarity() -> f64 {
     2.0
+}
+
+/// How a velocity is made of noise.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseForm {
+    /// The curl of three noises.
+    #[default]
+    Curl,
+    /// The cross product of the gradients of two noises: cheaper, with sharper jets between wider calm; for what is far.
+    Bitangent,
 }
 
 /// How the speed of swirls falls with their size.
