@@ -1,31 +1,33 @@
 //! Measures the energy spectrum of `gain: kolmogorov` and draws it: `cargo run --release --example spectrum` writes
 //! `docs/flow/spectrum.png`.
 //!
-//! The spectrum is that of the velocity along straight lines, which in the inertial range falls with the same power as
-//! the three-dimensional one (Pope 2000, *Turbulent Flows*, section 6.5).
+//! The velocity in a box, under a window without steps at its faces, is taken apart into waves; the energy of all waves
+//! of about the same length is one point of the spectrum.
 
 use curlsmoke::flow::field::{Potential, Source, VelocityField};
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
 use curlsmoke::inspect::canvas::Canvas;
 use curlsmoke::math::hash::{CounterRng, Seed};
-use glam::DVec3;
+use curlsmoke::particles::advect::evaluate;
+use rayon::prelude::*;
 use std::error::Error;
-use std::f64::consts::TAU;
+use std::f32::consts::PI;
 use std::path::Path;
 
 /// Size of the largest swirls [m].
-const LENGTH: f64 = 1.0;
+const LENGTH: f32 = 1.0;
 const OCTAVES: u32 = 6;
-/// Samples of a line, and their distance [m]: 64 of the largest swirls, four samples to the smallest.
-const SAMPLES: usize = 8192;
-const SPACING: f64 = 64.0 * LENGTH / SAMPLES as f64;
-const LINES: u64 = 96;
-const WAVENUMBERS: usize = 97;
+/// Samples along each edge of the box, a power of two, and its edge [m]: four samples to the smallest swirls.
+const SAMPLES: usize = 256;
+const EDGE: f32 = 2.0 * LENGTH;
+const BOXES: u64 = 4;
+/// Points of the spectrum for each doubling of the wave number.
+const PER_OCTAVE: f64 = 6.0;
 const SIZE: [u32; 2] = [640, 360];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let settings = OctavesSettings {
-        length_scale: LENGTH,
+        length_scale: f64::from(LENGTH),
         speed: 1.0,
         octaves: OCTAVES,
         lacunarity: 2.0,
@@ -35,39 +37,35 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let sources = octaves(&settings).into_iter().map(|o| Source::from(Potential::Octave(o))).collect();
     let field = VelocityField::new(sources, Vec::new());
-    let span = field.span(0.0, 0.0);
-    // From a quarter of the first octave's wavenumber to twice the last one's.
-    let top = 2.0 * f64::from(1 << (OCTAVES - 1)) / LENGTH;
-    let wavenumbers: Vec<f64> = (0..WAVENUMBERS)
-        .map(|i| 0.25 / LENGTH * (top * LENGTH * 4.0).powf(i as f64 / (WAVENUMBERS - 1) as f64))
-        .collect();
-    let mut energy = vec![0.0; WAVENUMBERS];
-    for line in 0..LINES {
-        let mut rng = CounterRng::new(Seed(line));
-        let mut random = || DVec3::from_array([0, 1, 2].map(|_| f64::from(rng.uniform()) - 0.5));
-        let (start, along) = (random() * 400.0, random().normalize());
-        let speeds: Vec<f64> = (0..SAMPLES)
-            .map(|i| {
-                let p = start + along * (SPACING * i as f64);
-                // A window without steps at its ends, so that no energy leaks from the large to the small.
-                let window = (0.5 * TAU * (i as f64 + 0.5) / SAMPLES as f64).sin().powi(2);
-                window * along.dot(DVec3::from_array(span.velocity(p.to_array(), 0.0)))
-            })
-            .collect();
-        for (k, sum) in wavenumbers.iter().zip(&mut energy) {
-            let (mut re, mut im) = (0.0, 0.0);
-            for (i, u) in speeds.iter().enumerate() {
-                let (sin, cos) = (TAU * k * SPACING * i as f64).sin_cos();
-                re += u * cos;
-                im += u * sin;
+    // Energy of all waves of a class of wave numbers.
+    let class = |k: f64| (k.log2() * PER_OCTAVE).round() as i32;
+    let lowest = class(1.0 / f64::from(EDGE));
+    let class_count = (class(SAMPLES as f64 / f64::from(EDGE)) - lowest) as usize + PER_OCTAVE as usize;
+    let (mut energy, mut waves) = (vec![0.0f64; class_count], vec![0u64; class_count]);
+    for n in 0..BOXES {
+        for component in velocity_in_box(&field, n) {
+            let power = powers(component);
+            for (i, power) in power.iter().enumerate().skip(1) {
+                let k = wave_number(i);
+                let class = (class(k) - lowest) as usize;
+                energy[class] += f64::from(*power);
+                waves[class] += 1;
             }
-            *sum += (re * re + im * im) / LINES as f64;
         }
     }
-    let points: Vec<[f64; 2]> = wavenumbers.iter().zip(&energy).map(|(k, e)| [k.log10(), e.log10()]).collect();
-    // Between the peaks of the first and the last octave.
-    let [low, high] = [(1.0 / LENGTH).log10(), (f64::from(1 << (OCTAVES - 1)) / LENGTH).log10()];
-    let inertial: Vec<[f64; 2]> = points.iter().copied().filter(|p| (low..=high).contains(&p[0])).collect();
+    // Mean energy of a wave times the area of the sphere of such waves.
+    let points: Vec<[f64; 2]> = (0..class_count)
+        .filter(|&c| waves[c] > 100)
+        .map(|c| {
+            let k = 2f64.powf(f64::from(c as i32 + lowest) / PER_OCTAVE);
+            [k.log10(), (energy[c] / waves[c] as f64 * k * k).log10()]
+        })
+        .filter(|p| p[0] <= (0.5 * SAMPLES as f64 / f64::from(EDGE)).log10())
+        .collect();
+    // From the size of the largest to that of the smallest swirls.
+    let [low, high] = [1.0 / LENGTH, (1 << (OCTAVES - 1)) as f32 / LENGTH].map(|k| f64::from(k).log10());
+    let inertial: Vec<[f64; 2]> =
+        points.iter().copied().filter(|p| (low - 0.01..=high + 0.01).contains(&p[0])).collect();
     let (slope, offset) = fit(&inertial);
     eprintln!(
         "slope {slope:.3} between {:.1} and {:.1} cycles/m; Kolmogorov's is -1.667",
@@ -77,6 +75,73 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/flow/spectrum.png");
     std::fs::write(&path, draw(&points, slope, offset, [low, high]).to_png()?)?;
     Ok(())
+}
+
+/// Frequency along an axis of number `i` of a transform [cycles/m].
+fn frequency(i: usize) -> f64 {
+    let signed = if i < SAMPLES / 2 { i as f64 } else { i as f64 - SAMPLES as f64 };
+    signed / f64::from(EDGE)
+}
+
+/// Of number `i` of the three-dimensional transform [cycles/m].
+fn wave_number(i: usize) -> f64 {
+    let [x, y, z] = [i % SAMPLES, i / SAMPLES % SAMPLES, i / SAMPLES / SAMPLES].map(frequency);
+    (x * x + y * y + z * z).sqrt()
+}
+
+/// The components of the velocity at the samples of a box somewhere.
+fn velocity_in_box(field: &VelocityField, n: u64) -> [Vec<f32>; 3] {
+    let mut rng = CounterRng::new(Seed(n));
+    let corner: [f32; 3] = std::array::from_fn(|_| (rng.uniform() - 0.5) * 200.0);
+    let step = EDGE / SAMPLES as f32;
+    let count = SAMPLES.pow(3);
+    let axis = |stride: usize, a: usize| (0..count).map(|i| corner[a] + (i / stride % SAMPLES) as f32 * step).collect();
+    let position = [axis(1, 0), axis(SAMPLES, 1), axis(SAMPLES * SAMPLES, 2)];
+    let mut velocity = [0; 3].map(|_| vec![0.0; count]);
+    evaluate(&field.span(0.0, 0.0), &position, &mut velocity);
+    velocity
+}
+
+/// Squares of the absolute values of the transform under a window.
+fn powers(samples: Vec<f32>) -> Vec<f32> {
+    let window: Vec<f32> = (0..SAMPLES).map(|i| (PI * (i as f32 + 0.5) / SAMPLES as f32).sin().powi(2)).collect();
+    let at = |i: usize| window[i % SAMPLES] * window[i / SAMPLES % SAMPLES] * window[i / SAMPLES / SAMPLES];
+    let mut data: Vec<[f32; 2]> = samples.into_par_iter().enumerate().map(|(i, x)| [x * at(i), 0.0]).collect();
+    for _ in 0..3 {
+        data.par_chunks_mut(SAMPLES).for_each(transform);
+        // The next axis comes to lie contiguous: (x, y, z) goes to (y, z, x).
+        let plane = SAMPLES * SAMPLES;
+        let turned = |i: usize| {
+            let (y, z, x) = (i % SAMPLES, i / SAMPLES % SAMPLES, i / plane);
+            data[z * plane + y * SAMPLES + x]
+        };
+        data = (0..data.len()).into_par_iter().map(turned).collect();
+    }
+    data.into_par_iter().map(|[re, im]| re * re + im * im).collect()
+}
+
+/// The fast Fourier transform of a power of two of complex numbers (Cooley and Tukey 1965).
+fn transform(line: &mut [[f32; 2]]) {
+    let n = line.len();
+    for i in 0..n {
+        let j = i.reverse_bits() >> (usize::BITS - n.trailing_zeros());
+        if i < j {
+            line.swap(i, j);
+        }
+    }
+    let mut half = 1;
+    while half < n {
+        for start in (0..n).step_by(2 * half) {
+            for i in 0..half {
+                let (sin, cos) = (-PI * i as f32 / half as f32).sin_cos();
+                let ([a, b], [c, d]) = (line[start + i], line[start + i + half]);
+                let [re, im] = [c * cos - d * sin, c * sin + d * cos];
+                line[start + i] = [a + re, b + im];
+                line[start + i + half] = [a - re, b - im];
+            }
+        }
+        half *= 2;
+    }
 }
 
 /// The straight line of least squares: slope and value at 0.
@@ -121,7 +186,7 @@ fn draw(points: &[[f64; 2]], slope: f64, offset: f64, fitted: [f64; 2]) -> Canva
         stroke(place(pair[0]), place(pair[1]), 2, [0.05, 0.35, 0.8]);
     }
     let ink = [0.85; 3];
-    canvas.text([SIZE[0] - 300, 20], 1, "energy of the velocity along a line", ink);
+    canvas.text([SIZE[0] - 300, 20], 1, "energy by wave number", ink);
     canvas.text([SIZE[0] - 300, 34], 1, &format!("fitted slope {slope:.3}, orange -5/3"), ink);
     canvas.text([SIZE[0] - 100, SIZE[1] - 20], 1, "cycles per metre", ink);
     canvas

@@ -12,7 +12,7 @@ use crate::flow::vortex::{Vortex, VortexSpan};
 use crate::flow::walls::{NOTICE, NearObstacle, NearWalls};
 use crate::geometry::motion::RigidSpan;
 use crate::math::jet::Scalar;
-use crate::math::real::{Lane, cross, dot, triple};
+use crate::math::real::{Lane, cross, dot, length, triple};
 use glam::DVec3;
 
 /// Sampled distances change by up to so many metres for each metre.
@@ -427,29 +427,46 @@ impl FieldSpan<'_> {
         closest.and_then(|(_, motion)| *motion).map_or([0.0; 3], |motion| motion.velocity_at(p, phase))
     }
 
-    /// How much further than its `way` [m] each lane at the end of the span is at least from all walls [m], as they have
-    /// moved over the span and with a margin for rounding; `None` where that is certainly positive in all lanes. Where it
-    /// is positive the lane is outside and no straight way of that length has passed a wall.
+    /// Negative in lanes whose straight step from `from` at `phase` to `to` at the end of the span [m] may have ended
+    /// inside an obstacle or passed through one; `None` where certainly none has.
     #[inline(never)]
-    pub fn clearance<L: Lane>(&self, p: [L; 3], way: L) -> Option<L> {
-        p[0].outlined(
+    pub fn suspicion<L: Lane>(&self, from: [L; 3], phase: L, to: [L; 3]) -> Option<L> {
+        phase.outlined(
             #[inline(always)]
-            || self.clearance_here(p, way),
+            || self.suspicion_here(from, phase, to),
         )
     }
 
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn clearance_here<L: Lane>(&self, p: [L; 3], way: L) -> Option<L> {
-        let (end, mut least) = (way.lit(1.0), way.lit(f64::INFINITY));
+    fn suspicion_here<L: Lane>(&self, from: [L; 3], phase: L, to: [L; 3]) -> Option<L> {
+        let (zero, end) = (phase.lit(0.0), phase.lit(1.0));
+        let way = length(triple!(i => to[i] - from[i])) * phase.lit(STEEPEST);
+        let mut least = end;
         for i in 0..self.motions.len() {
             let (obstacle, motion) = (&self.field.obstacles[i], self.motions[i].as_ref());
-            let margin = way.mul_add(way.lit(STEEPEST), way.lit(self.wall_travel(i) + 1e-3 * obstacle.size()));
-            if obstacle.may_any_be_within(motion, p, end, margin) {
-                least = least.min(obstacle.distance(motion, p, end) - margin);
+            let rounding = phase.lit(1e-3 * obstacle.size());
+            let reach = way + phase.lit(self.wall_travel(i)) + rounding;
+            for solid_idx in 0..obstacle.solids().len() {
+                if !obstacle.may_be_within(solid_idx, motion, to, end, reach) {
+                    continue;
+                }
+                let after = obstacle.solid_distance(solid_idx, motion, to, end);
+                least = least.min(after - rounding);
+                // The empty balls round both ends hold the whole way.
+                if !after.any_lt(reach)
+                    || !(after + obstacle.solid_distance(solid_idx, motion, from, phase)).any_lt(reach)
+                {
+                    continue;
+                }
+                let before = obstacle.wall(solid_idx, motion, from, phase).0;
+                let gradient = obstacle.wall(solid_idx, motion, to, end).0.gradient;
+                // What comes out on the other side of a wall sees it the other way round.
+                let facing = dot(before.gradient, gradient);
+                least = least.min((before.value + after).select_lt(reach, facing, end));
             }
         }
-        if least.any_lt(way.lit(0.0)) { Some(least) } else { None }
+        if least.any_lt(zero) { Some(least) } else { None }
     }
 
     /// At most how far any point of an obstacle moves over the span [m].

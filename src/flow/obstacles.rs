@@ -303,30 +303,25 @@ impl Obstacle {
         outside[0].max(outside[1]).max(outside[2]).any_lt(margin)
     }
 
-    /// As [`Obstacle::may_be_within`] for any of the solids.
-    #[inline(always)]
-    pub fn may_any_be_within<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L, margin: L) -> bool {
-        for solid_idx in 0..self.solids.len() {
-            if self.may_be_within(solid_idx, motion, p, phase, margin) {
-                return true;
-            }
-        }
-        false
-    }
-
     /// Signed distance [m], negative where the flow must not be.
     #[inline(always)]
     pub fn distance<L: Lane>(&self, motion: Option<&RigidSpan>, p: [L; 3], phase: L) -> L {
+        let mut least = phase.lit(f64::INFINITY);
+        for solid_idx in 0..self.solids.len() {
+            least = least.min(self.solid_distance(solid_idx, motion, p, phase));
+        }
+        least
+    }
+
+    /// As [`Obstacle::distance`] of one of the solids.
+    #[inline(always)]
+    pub fn solid_distance<L: Lane>(&self, solid_idx: usize, motion: Option<&RigidSpan>, p: [L; 3], phase: L) -> L {
         let p = match motion {
             Some(motion) => motion.to_rest(p, phase).0,
             None => p,
         };
-        let mut least = p[0].lit(f64::INFINITY);
-        for solid in &self.solids {
-            let own = solid.distance(p);
-            least = least.min(if self.is_inverted() { -own } else { own });
-        }
-        least
+        let own = self.solids[solid_idx].distance(p);
+        if self.is_inverted() { -own } else { own }
     }
 
     /// Gradient of the distance to the closest of the solids.

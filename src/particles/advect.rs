@@ -5,7 +5,7 @@
 
 use crate::flow::field::FieldSpan;
 use crate::math::lanes::{Kernel, Lanes, run_kernel};
-use crate::math::real::{Lane, length, triple};
+use crate::math::real::{Lane, triple};
 use fearless_simd::Simd;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -65,12 +65,11 @@ impl Kernel for Step<'_, '_> {
             q[0].store(&mut x[start..]);
             q[1].store(&mut y[start..]);
             q[2].store(&mut z[start..]);
-            let way = length(triple!(axis => q[axis] - p[axis]));
-            if let Some(clearance) = self.span.clearance(q, way) {
+            if let Some(suspicion) = self.span.suspicion(p, phase, q) {
                 for i in start..(start + Lanes::<S>::WIDTH).min(x.len()) {
                     let lane = i - start;
                     // Written so that NaN is looked at too.
-                    if clearance.lane(lane) >= 0.0 {
+                    if suspicion.lane(lane) >= 0.0 {
                         continue;
                     }
                     let from = triple!(axis => p[axis].lane(lane) as f32);
@@ -171,6 +170,7 @@ mod tests {
     use crate::geometry::primitive::{Cuboid, Primitive};
     use crate::geometry::sdf::{PlacedSdf, Sdf};
     use crate::math::hash::{CounterRng, Seed};
+    use crate::math::real::length;
     use crate::math::space::Similarity;
     use glam::DVec3;
     use std::sync::Arc;
