@@ -10,7 +10,7 @@ use curlsmoke::geometry::primitive::{Primitive, Sphere};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
-use curlsmoke::math::real::Lane;
+use curlsmoke::math::real::{Lane, Real};
 use curlsmoke::math::space::Similarity;
 use curlsmoke::particles::advect::{CLASSICAL, Coordinates, MIDPOINT, advance, advanced, evaluate};
 use fearless_simd::Simd;
@@ -137,6 +137,34 @@ fn scalar_step(span: &FieldSpan, p: &mut Coordinates, h: f32) {
     }
 }
 
+/// As many multiply-adds as the processor can start: chains that do not wait for each other.
+struct Peak;
+
+/// Chains, and links of each.
+const CHAINS: usize = 16;
+const LINKS: usize = 1 << 12;
+
+impl Kernel for Peak {
+    /// A number that depends on all, and how many there are side by side.
+    type Output = (f64, usize);
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn run<S: Simd>(self, simd: S) -> (f64, usize) {
+        let (factor, term) = (Lanes::splat(simd, black_box(0.999)), Lanes::splat(simd, black_box(0.001)));
+        let mut chains = [Lanes::splat(simd, 0.5); CHAINS];
+        for _ in 0..LINKS {
+            for k in 0..CHAINS {
+                chains[k] = factor.mul_add(chains[k], term);
+            }
+        }
+        let mut sum = chains[0];
+        for k in 1..CHAINS {
+            sum = sum + chains[k];
+        }
+        (sum.lane(0), Lanes::<S>::WIDTH)
+    }
+}
+
 fn scalar(span: &FieldSpan, p: &Coordinates) -> f64 {
     (0..p[0].len()).map(|i| span.velocity([0, 1, 2].map(|a| f64::from(p[a][i])), 0.0)[0]).sum()
 }
@@ -177,6 +205,10 @@ fn flow(c: &mut Criterion) {
 fn steps(c: &mut Criterion) {
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let mut group = c.benchmark_group("particle steps, rk2, 4 octaves");
+    group.throughput(Throughput::Elements(COUNT as u64));
+    let (_, width) = run_kernel(Peak);
+    group.throughput(Throughput::Elements((CHAINS * LINKS * width) as u64));
+    group.bench_function("multiply-adds at peak", |b| b.iter(|| run_kernel(Peak)));
     group.throughput(Throughput::Elements(COUNT as u64));
     let h = 1.0 / 24.0;
     let field = field(4, false);
