@@ -14,12 +14,13 @@ use curlsmoke::flow::vortex::{Vortex, smooth_curve};
 use curlsmoke::geometry::motion::{Motion, Pose};
 use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
+use curlsmoke::math::dual::Dual;
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
 use curlsmoke::math::lattice::Lattice;
 use curlsmoke::math::real::{Lane, dot, length};
 use curlsmoke::math::space::Similarity;
-use dual::{Dual, divergence};
+use dual::divergence;
 use fearless_simd::Simd;
 use glam::{DMat3, DQuat, DVec3, UVec3};
 use std::sync::Arc;
@@ -100,6 +101,7 @@ fn sources(is_masked: bool) -> Vec<Source> {
     potentials.extend(noise(OctavesSettings { form: Form::Bitangent, seed: Seed(7), ..Default::default() }));
     let evolving = OctavesSettings { form: Form::Bitangent, evolve_rate: 0.6, seed: Seed(8), ..Default::default() };
     potentials.extend(noise(evolving));
+    potentials.extend(noise(OctavesSettings { memory: 1.0, spin_rate: 0.3, seed: Seed(9), ..Default::default() }));
     let masks = masks();
     // One of them alone or two at once.
     let both = |i: usize| [i, i / 2 + 3].map(|k| masks[k % masks.len()].clone()).to_vec();

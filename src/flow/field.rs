@@ -5,7 +5,7 @@ use crate::flow::elements::{Column, Shear, rigid};
 use crate::flow::gauge::{HoleFlux, Parabola, WindExcess, reference_at};
 use crate::flow::mask::Mask;
 use crate::flow::obstacles::{Boundary, Ground, Obstacle};
-use crate::flow::octaves::{Form, Octave, OctaveSpan};
+use crate::flow::octaves::{Drift, Form, Octave, OctaveSpan};
 use crate::flow::potential::{Psi, uniform};
 use crate::flow::ramp::removed;
 use crate::flow::vortex::{Vortex, VortexSpan};
@@ -237,6 +237,21 @@ impl Carrier {
 }
 
 impl SourceSpan<'_> {
+    /// As [`SourceSpan::psi`], carried by the larger octaves of the same noise that came before it.
+    #[inline(always)]
+    fn carried_psi<L: Lane>(&self, p: [L; 3], phase: L, drift: &mut Drift<L>) -> Psi<L> {
+        let PotentialSpan::Octave(octave) = &self.potential else { return self.psi(p, phase) };
+        if !octave.octave().has_memory() {
+            return self.psi(p, phase);
+        }
+        if octave.octave().is_largest() {
+            *drift = Drift::none(phase);
+        }
+        let (psi, more) = octave.carried(p, phase, drift);
+        *drift = more;
+        self.masked(psi, p)
+    }
+
     /// The potential with its masks, before there are walls. Of bitangents the two scalars, the first of them masked.
     #[inline(never)]
     fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
@@ -249,7 +264,7 @@ impl SourceSpan<'_> {
     #[inline(always)]
     fn psi_here<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {
         let lane = |v: &DVec3| -> [L; 3] { triple!(i => phase.lit(v[i])) };
-        let mut psi = match &self.potential {
+        let psi = match &self.potential {
             PotentialSpan::Uniform { velocity, origin } => uniform(lane(velocity), lane(origin), p),
             PotentialSpan::Shear(shear) => shear.psi(p),
             PotentialSpan::Rigid { velocity, angular_velocity, center } => {
@@ -259,6 +274,11 @@ impl SourceSpan<'_> {
             PotentialSpan::Vortex(vortex) => vortex.psi(p, phase),
             PotentialSpan::Octave(octave) => octave.psi(p, phase),
         };
+        self.masked(psi, p)
+    }
+
+    #[inline(always)]
+    fn masked<L: Lane>(&self, mut psi: Psi<L>, p: [L; 3]) -> Psi<L> {
         for mask in self.masks {
             let modulated = psi.modulated(&mask.at(p));
             psi = match &self.potential {
@@ -377,8 +397,9 @@ impl FieldSpan<'_> {
         let near = NearWalls::find(&self.field.obstacles, &self.motions, p, phase, self.field.notice);
         let zero = phase.lit(0.0);
         let mut velocity = [zero; 3];
+        let mut drift = Drift::none(phase);
         for source in &self.sources {
-            let psi = source.psi(p, phase);
+            let psi = source.carried_psi(p, phase, &mut drift);
             let mut kept = psi;
             let mut first = 0;
             while let Some(obstacle_idx) = near.obstacle(first) {

@@ -322,6 +322,7 @@ fn octaves_settings(n: &settings::Noise, seed: Seed) -> OctavesSettings {
             (None, settings::NoiseForm::Curl) => Form::Curl,
             (None, settings::NoiseForm::Bitangent) => Form::Bitangent,
         },
+        memory: n.memory,
         offset: n.offset,
         scroll: n.scroll,
         seed: seed.derive(n.seed),

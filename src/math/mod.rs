@@ -1,6 +1,7 @@
 //! Shared vocabulary of the stages; knows neither smoke nor light.
 
 pub mod aabb;
+pub mod dual;
 pub mod hash;
 pub mod interpolate;
 pub mod jet;

@@ -194,6 +194,11 @@ pub struct Noise {
     /// 0. Default all three dimensions.
     #[serde(default)]
     pub planar: Option<Vec3>,
+    /// How far swirls are carried along by larger ones (pseudo-advection), which draws them out into filaments: 0 not at
+    /// all, 1 by an eighth of the size of each larger one. Costs four times as much. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub memory: f64,
     /// How the velocity is made of noise. Default curl.
     #[serde(default)]
     pub form: NoiseForm,
