@@ -116,12 +116,19 @@ fn rooms() -> Vec<(&'static str, Vec<Wall>)> {
     let capsule = Primitive::Capsule(Capsule { start: v(-0.3, 0.1, 0.0), end: v(0.3, 0.4, 0.1), radius: 0.2 });
     let ground = Primitive::HalfSpace(HalfSpace { point: v(0.0, -0.9, 0.0), normal: DVec3::Y });
     let sharp = cuboid(v(-0.7, 0.2, 0.3), v(0.2, 0.3, 0.2), 0.0);
+    let lower = still(cuboid(v(-0.5, -0.6, 0.2), v(0.3, 0.31, 0.2), 0.0), Boundary::Slip);
     vec![
         ("slip", vec![still(sphere(0.0, 0.0, 0.0, 0.4), Boundary::Slip), still(ring, Boundary::Slip)]),
         ("no slip", vec![still(capsule, Boundary::NoSlip), still(ground, Boundary::NoSlip)]),
         ("moving", vec![moving(capsule, Boundary::Slip), still(sphere(1.0, 0.3, 0.2, 0.3), Boundary::Slip)]),
         ("moving, no slip", vec![moving(sharp, Boundary::NoSlip), still(ground, Boundary::Slip)]),
         ("moving box", vec![moving(sharp, Boundary::Slip)]),
+        ("moving ring", vec![moving(ring, Boundary::Slip)]),
+        (
+            "a ball and a box on the ground",
+            vec![still(ground, Boundary::Slip), still(sphere(0.3, -0.5, 0.0, 0.4), Boundary::Slip), lower.clone()],
+        ),
+        ("the same, no slip", vec![still(ground, Boundary::NoSlip), Wall { boundary: Boundary::NoSlip, ..lower }]),
         ("closed box", vec![container(cuboid(DVec3::ZERO, v(1.2, 1.0, 1.1), 0.0), Boundary::Slip)]),
         (
             "closed ball with a body inside",

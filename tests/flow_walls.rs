@@ -112,6 +112,29 @@ fn winds_do_not_jet_along_slender_bodies() {
 }
 
 #[test]
+fn what_is_not_a_wind_does_not_jet_along_slender_bodies_either() {
+    let extent = DVec3::new(0.4, 3.3, 0.4);
+    let everywhere = Mask::Height { axis: DVec3::Y, from: -90.0, to: -80.0 };
+    let masked = Source { masks: vec![everywhere], ..Source::wind([1.0, 0.0, 0.0]) };
+    // Up to 6.6 m/s within the extent.
+    let shear: Source = Potential::Shear(Shear::new(DVec3::X, DVec3::Y, 2.0, DVec3::ZERO)).into();
+    for (name, source, free) in [("wind with a mask", masked, 1.0), ("shear", shear, 6.6)] {
+        let found = fastest(&field(vec![source], vec![bar(3.0, 0.05)]).span(0.0, 0.0), extent, 0.3, 4000);
+        println!("{name} round a bar: {:.2} of its speed", found / free);
+        assert!(found < 3.0 * free, "{name}: {found}");
+    }
+    let turning = field(vec![], vec![moving(bar(3.0, 0.05), DVec3::ZERO, DVec3::Z)]);
+    let found = fastest(&turning.span(0.0, 0.0), extent, 0.3, 4000);
+    println!("a bar that turns: {:.2} of the speed of its ends", found / 3.05);
+    assert!(found < 2.0 * 3.05, "{found}");
+    let held = |wall: Wall| Wall { boundary: Boundary::NoSlip, ..wall };
+    let post = field(vec![Source::wind([1.0, 0.0, 0.0])], vec![held(bar(1.0, 0.3)), held(ground(-1.3))]);
+    let found = fastest(&post.span(0.0, 0.0), DVec3::new(1.0, 1.3, 1.0), 0.5, 4000);
+    println!("a post on the ground, both held fast: {found:.2} of the wind");
+    assert!(found < 8.0, "{found}");
+}
+
+#[test]
 fn the_velocity_has_no_jumps_anywhere() {
     let corner = vec![ground(-0.4), cuboid(DVec3::new(0.3, 0.4, 0.3), 0.0), ball(DVec3::new(0.5, -0.1, 0.2), 0.3)];
     let room = Wall { is_container: true, ..cuboid(DVec3::new(1.1, 0.9, 1.0), 0.0) };
@@ -193,6 +216,49 @@ fn along_a_ground_that_lets_it_slide_the_flow_is_as_without_the_ground() {
             }
         }
     }
+}
+
+#[test]
+fn far_from_what_stands_on_the_ground_all_that_slides_does() {
+    let everywhere = Mask::Height { axis: DVec3::Y, from: -9.0, to: -8.0 };
+    let masked = Source { masks: vec![everywhere], ..Source::wind([1.0, 0.0, 0.5]) };
+    let shear = Potential::Shear(Shear::new(DVec3::X, DVec3::Y, 1.0, DVec3::Y * -2.0)).into();
+    for source in [masked, shear] {
+        let free = field(vec![source.clone()], vec![]);
+        let bounded = field(vec![source], vec![ground(0.0), ball(DVec3::Y * 0.35, 0.35)]);
+        for height in [0.0, 0.1, 0.6, 2.0] {
+            let p = [4.0, height, -7.0];
+            let difference = DVec3::from_array(bounded.velocity(p, 0.0)) - DVec3::from_array(free.velocity(p, 0.0));
+            assert!(difference.length() < 1e-7, "{height}: {difference}");
+        }
+    }
+}
+
+#[test]
+fn a_straight_step_ends_on_this_side_of_thin_walls() {
+    let plate = |center: DVec3| {
+        let half_size = DVec3::new(0.005, 0.5, 0.5);
+        solid(Primitive::Cuboid(Cuboid { center, half_size, rounding: 0.0 }))
+    };
+    let alone = field(vec![], vec![plate(DVec3::ZERO)]);
+    let standing = field(vec![], vec![plate(DVec3::Y * 0.5), ground(0.0)]);
+    assert_eq!(standing.obstacles().len(), 1);
+    let mut rng = CounterRng::new(Seed(12));
+    for (name, field) in [("alone", &alone), ("standing on the ground", &standing)] {
+        let span = field.span(0.0, 0.1);
+        for _ in 0..2000 {
+            let (length, share) = (0.01 + 0.5 * rng.uniform(), rng.uniform());
+            let height = if name == "alone" { 0.3 * rng.uniform() } else { 0.005 + 0.3 * rng.uniform() };
+            let from = [-0.006 - length * share, height, 0.2 * rng.uniform()];
+            let to = [from[0] + 0.012 + length, from[1], from[2]];
+            let ([x, ..], moved) = span.settled(from, to, 0.0);
+            assert!(moved && x < 0.0, "{name}: from {from:?} to {to:?} ended at {x}");
+        }
+    }
+    // The plate overtakes a particle that moves more slowly.
+    let swept = field(vec![], vec![moving(plate(DVec3::ZERO), DVec3::X, DVec3::ZERO)]);
+    let ([x, ..], moved) = swept.span(0.0, 0.1).settled([0.01, 0.1, 0.0], [0.08, 0.1, 0.0], 0.0);
+    assert!(moved && x > 0.105, "{x}");
 }
 
 #[test]

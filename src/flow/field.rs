@@ -57,7 +57,7 @@ pub struct Source {
     /// What it is multiplied with.
     pub masks: Vec<Mask>,
     /// Distance from obstacles over which it bends [m]; where `None` that is its own length, or for potentials without
-    /// one the obstacle's size.
+    /// one the obstacle's girth or size.
     pub influence: Option<f64>,
 }
 
@@ -114,9 +114,9 @@ struct SourceWall {
 enum Gauge {
     /// The excess is the potential less a constant.
     Constant([Parabola; 3]),
-    /// The excess is the potential where the ground is below, less a constant: what the potential does with height
-    /// moves along the ground, and slides.
-    Below { ground: DVec3, constant: [Parabola; 3] },
+    /// Over a ground with this normal and height along it, what the potential does with height moves along the ground, and
+    /// slides: there the excess is the potential along the ground at the point below, less a constant.
+    Sliding { normal: DVec3, offset: f64, constant: [Parabola; 3] },
     /// The excess is that of a wind.
     Wind(WindExcess),
 }
@@ -127,6 +127,7 @@ struct Carrier {
     motion: RigidSpan,
     wind: WindExcess,
     hole: Option<HoleFlux>,
+    influence: f64,
 }
 
 impl From<Potential> for Source {
@@ -142,7 +143,16 @@ impl Source {
     }
 
     fn wanted_influence(&self, obstacle: &Obstacle) -> f64 {
-        self.influence.or_else(|| self.potential.length()).unwrap_or(obstacle.girth())
+        self.influence.or_else(|| self.potential.length()).unwrap_or_else(|| {
+            let is_fitted = self.is_wind() && !obstacle.holds_what_stands_on_it();
+            if is_fitted { obstacle.girth() } else { obstacle.size() }
+        })
+    }
+
+    /// Whether it is a uniform velocity, whose excess is fitted to obstacles. The excess of others grows away from the
+    /// reference point of a slender body, and a narrow ramp would make a jet of it.
+    fn is_wind(&self) -> bool {
+        matches!(self.potential, Potential::Uniform { .. }) && self.masks.is_empty()
     }
 
     fn span(&self, obstacles: &[Obstacle], motions: &[Option<RigidSpan>], start: f64, duration: f64) -> SourceSpan<'_> {
@@ -154,16 +164,18 @@ impl Source {
             let hole = obstacle.hole().filter(|_| span.is_vector());
             let hole = hole.map(|hole| HoleFlux::new(hole, motion, |p, phase| span.psi(p, phase).value));
             let gauge = match &self.potential {
-                Potential::Uniform { velocity, .. } if self.masks.is_empty() => {
+                Potential::Uniform { velocity, .. } if self.is_wind() => {
                     Gauge::Wind(WindExcess::new(*velocity, obstacle, motion))
                 }
                 potential => {
                     let share = potential.constant_share(obstacle);
                     let value = |phase| span.psi(reference_at(obstacle, motion, phase), phase).value;
                     let constant = std::array::from_fn(|c| Parabola::through(|phase| share * value(phase)[c]));
-                    let is_sliding = obstacle.boundary() == Boundary::Slip && obstacle.solids().len() == 1;
-                    match obstacle.ground().filter(|_| is_sliding && potential.length().is_none()) {
-                        Some(Ground { normal: ground, .. }) => Gauge::Below { ground, constant },
+                    let is_sliding = obstacle.boundary() == Boundary::Slip && potential.length().is_none();
+                    match obstacle.ground().filter(|_| is_sliding) {
+                        Some(Ground { normal, .. }) => {
+                            Gauge::Sliding { normal, offset: normal.dot(obstacle.reference()), constant }
+                        }
                         None => Gauge::Constant(constant),
                     }
                 }
@@ -214,12 +226,19 @@ const NOWHERE: Scalar<f64> = Scalar { value: 0.0, gradient: [0.0; 3] };
 impl Carrier {
     fn new(obstacle: &Obstacle, motion: RigidSpan) -> Self {
         let wind = WindExcess::new(motion.velocity(), obstacle, Some(&motion));
-        let mut carrier = Self { motion, wind, hole: None };
+        // Only the potential of a translation is fitted to the body.
+        let is_turning = motion.angular_velocity().length_squared() > 0.0;
+        let influence = if is_turning { obstacle.size() } else { obstacle.girth() };
+        let mut carrier = Self { motion, wind, hole: None, influence };
         // What a ring moves is itself: the air in its hole stays where it is, on the whole.
         carrier.hole = obstacle
             .hole()
             .map(|hole| HoleFlux::new(hole, Some(&motion), |p, phase| carrier.psi(p, phase, &NOWHERE).value));
         carrier
+    }
+
+    fn influence(&self) -> f64 {
+        self.influence
     }
 
     /// The potential of the body's own motion (eq. 6 with the corrected linear term), less the flux through its hole.
@@ -309,15 +328,25 @@ impl SourceSpan<'_> {
         };
         let excess = match &own.gauge {
             Gauge::Constant(constant) => less(psi, constant),
-            Gauge::Below { ground, constant } => {
-                let (n, height): ([L; 3], L) = (triple!(i => phase.lit(ground[i])), near.distance().value);
+            Gauge::Sliding { normal, offset, constant } => {
+                let n: [L; 3] = triple!(i => phase.lit(normal[i]));
+                let height = dot(n, p) - phase.lit(*offset);
                 let below = self.psi(triple!(i => p[i] - height * n[i]), phase);
-                // The point below moves along the ground alone.
-                let jacobian = triple!(c => {
+                // The point below moves along the ground alone, and what points out of the ground has a flow along it.
+                // So all but the rest may stay, and at what stands on the ground it is zero.
+                let jacobian: [[L; 3]; 3] = triple!(c => {
                     let along = dot(below.jacobian[c], n);
                     triple!(i => below.jacobian[c][i] - along * n[i])
                 });
-                less(&Psi { value: below.value, jacobian }, constant)
+                let out = dot(n, below.value);
+                let d_out: [L; 3] = triple!(i => {
+                    dot(n, [jacobian[0][i], jacobian[1][i], jacobian[2][i]])
+                });
+                let along = Psi {
+                    value: triple!(c => below.value[c] - out * n[c]),
+                    jacobian: triple!(c => triple!(i => jacobian[c][i] - d_out[i] * n[c])),
+                };
+                less(psi, constant).minus(&psi.minus(&along).modulated(near.on_ground()))
             }
             Gauge::Wind(wind) => wind.at(p, phase, near.on_ground()),
         };
@@ -353,7 +382,7 @@ impl VelocityField {
     /// The field of the given potentials round the given obstacles.
     pub fn new(sources: Vec<Source>, obstacles: Vec<Obstacle>) -> Self {
         let of_sources = sources.iter().flat_map(|s| obstacles.iter().map(|o| o.influence(s.wanted_influence(o))));
-        let of_motions = obstacles.iter().map(|o| o.influence(o.girth()));
+        let of_motions = obstacles.iter().map(|o| o.influence(o.size()));
         let notice = of_sources.chain(of_motions).fold(0.0, f64::max) * NOTICE;
         Self { sources, obstacles, notice }
     }
@@ -420,7 +449,8 @@ impl FieldSpan<'_> {
         let mut first = 0;
         while let Some(obstacle_idx) = near.obstacle(first) {
             let obstacle = &self.field.obstacles[obstacle_idx];
-            let (found, next) = near.near_obstacle(first, obstacle.influence(obstacle.girth()));
+            let reach = self.carriers[obstacle_idx].as_ref().map_or(1.0, Carrier::influence);
+            let (found, next) = near.near_obstacle(first, obstacle.influence(reach));
             first = next;
             let (Some(carrier), Some(found)) = (&self.carriers[obstacle_idx], found) else { continue };
             let carried = curl(&removed(&carrier.psi(p, phase, found.on_ground()), &found.wall));
@@ -466,7 +496,8 @@ impl FieldSpan<'_> {
         let mut least = end;
         for i in 0..self.motions.len() {
             let (obstacle, motion) = (&self.field.obstacles[i], self.motions[i].as_ref());
-            let rounding = phase.lit(1e-3 * obstacle.size());
+            let coordinate = to[0].abs().max(to[1].abs()).max(to[2].abs());
+            let rounding = coordinate.mul_add(phase.lit(2e-6), phase.lit(2e-5 * obstacle.size()));
             let reach = way + phase.lit(self.wall_travel(i)) + rounding;
             for solid_idx in 0..obstacle.solids().len() {
                 if !obstacle.may_be_within(solid_idx, motion, to, end, reach) {
@@ -504,48 +535,77 @@ impl FieldSpan<'_> {
     #[inline(never)]
     pub fn settled(&self, from: [f32; 3], to: [f32; 3], phase: f64) -> ([f32; 3], bool) {
         let (end, moved) = self.pushed_out(to, 1.0);
-        match self.crossing(from, end, phase) {
-            Some(inside) => (self.pushed_out(inside, 1.0).0, true),
+        match self.stopped(from, end, phase) {
+            Some(stopped) => (self.pushed_out(stopped, 1.0).0, true),
             None => (end, moved),
         }
     }
 
-    /// The first point inside an obstacle on the straight way between two points on opposite sides of it; `None` where
-    /// there is none, or where the way begins inside.
-    fn crossing(&self, from: [f32; 3], to: [f32; 3], phase: f64) -> Option<[f32; 3]> {
+    /// Where the end of the span finds what was stopped by a wall on the straight way between two points on opposite
+    /// sides of it; `None` where no wall is between, or where the way begins inside.
+    fn stopped(&self, from: [f32; 3], to: [f32; 3], phase: f64) -> Option<[f32; 3]> {
         /// Walls thinner than this share of the way may be missed.
         const FINEST: f64 = 1.0 / 64.0;
         let [a, b] = [from, to].map(|p| DVec3::from_array(p.map(f64::from)));
         let travel = (0..self.motions.len()).map(|i| self.wall_travel(i)).fold(0.0, f64::max);
         let way = STEEPEST * (b - a).length() + travel;
-        let distance = |t: f64| self.distance(a.lerp(b, t).to_array(), phase + t * (1.0 - phase));
+        let at = |t: f64| (a.lerp(b, t).to_array(), phase + t * (1.0 - phase));
+        let distance = |t: f64| self.distance(at(t).0, at(t).1);
         let mut d = distance(0.0);
         if d < 0.0 || d + distance(1.0) > way {
             return None;
         }
         let mut t = 0.0;
         loop {
+            let last = t;
             t += (d / way).max(FINEST);
             if t >= 1.0 {
                 return None;
             }
             d = distance(t);
-            if d < 0.0 {
-                let inside = a.lerp(b, t);
-                return self.is_between(inside, a, b, phase).then(|| inside.as_vec3().to_array());
+            if d >= 0.0 {
+                continue;
             }
+            let (obstacle_idx, solid_idx) = self.solid_between(at(t), from, to, phase)?;
+            let (obstacle, motion) = (&self.field.obstacles[obstacle_idx], self.motions[obstacle_idx].as_ref());
+            let (mut outside, mut inside) = (last, t);
+            for _ in 0..24 {
+                let middle = 0.5 * (outside + inside);
+                let (p, phase) = at(middle);
+                if obstacle.solid_distance(solid_idx, motion, p, phase) < 0.0 {
+                    inside = middle;
+                } else {
+                    outside = middle;
+                }
+            }
+            let (p, phase) = at(outside);
+            // From there on with the wall.
+            let end = motion.map_or(DVec3::from_array(p), |motion| {
+                motion.from_rest(DVec3::from_array(motion.to_rest(p, phase).0), 1.0)
+            });
+            return Some(end.as_vec3().to_array());
         }
     }
 
-    /// Whether `a` and `b` are on opposite sides of an obstacle that holds `inside`. The chord of a path round a convex
-    /// wall is inside it too, and its ends are on the same side.
-    fn is_between(&self, inside: DVec3, a: DVec3, b: DVec3, phase: f64) -> bool {
-        self.field.obstacles.iter().zip(&self.motions).any(|(obstacle, motion)| {
-            let motion = motion.as_ref();
-            let away = |p: DVec3, phase: f64| obstacle.gradient(motion, p.to_array(), phase);
-            let is_inside = [phase, 1.0].iter().any(|&t| obstacle.distance(motion, inside.to_array(), t) < 0.0);
-            is_inside && away(a, phase).dot(away(b, 1.0)) < 0.0
-        })
+    /// The solid that holds a point at a phase and sees `from` and `to` on opposite sides. The chord of a path round a
+    /// convex wall is inside it too, and its ends are on the same side.
+    fn solid_between(
+        &self,
+        (inside, at): ([f64; 3], f64),
+        from: [f32; 3],
+        to: [f32; 3],
+        phase: f64,
+    ) -> Option<(usize, usize)> {
+        let obstacles = self.field.obstacles.iter().zip(&self.motions).enumerate();
+        let solids =
+            obstacles.flat_map(|(i, (o, motion))| (0..o.solids().len()).map(move |s| (i, s, o, motion.as_ref())));
+        solids
+            .filter(|(_, s, o, motion)| {
+                let away = |p: [f32; 3], phase| o.wall(*s, *motion, p.map(f64::from), phase).0.gradient;
+                o.solid_distance(*s, *motion, inside, at) < 0.0 && dot(away(from, phase), away(to, 1.0)) < 0.0
+            })
+            .map(|(i, s, ..)| (i, s))
+            .next()
     }
 
     /// The point moved out of all obstacles if it is inside one, just beyond the wall, and whether it moved. A point that

@@ -106,6 +106,20 @@ impl<L: Lane> LatticeFrame<L> {
         Self { rows, word }
     }
 
+    /// The gradients of two components after the turn, at right angles to each other at all times; the third is 0.
+    #[inline(always)]
+    pub fn pair(&self, spin: Spin<L>) -> [[L; 3]; 3] {
+        let (a, b) = (self.rows[0], self.rows[1]);
+        let signs = [self.word.shl(5), self.word.shl(4)];
+        let (cos, sin) = (spin.cos.negate_by_top_bit(signs[0]), spin.sin.negate_by_top_bit(signs[0]));
+        let (cos_across, sin_across) = (spin.cos.negate_by_top_bit(signs[1]), spin.sin.negate_by_top_bit(signs[1]));
+        [
+            triple!(i => cos.mul_add(a[i], sin * b[i])),
+            triple!(i => cos_across.mul_add(b[i], -(sin_across * a[i]))),
+            [spin.cos.lit(0.0); 3],
+        ]
+    }
+
     /// The gradients of the three components after the turn.
     #[inline(always)]
     pub fn gradients(&self, spin: Spin<L>) -> [[L; 3]; 3] {

@@ -166,8 +166,10 @@ impl Builder<'_> {
 
     /// An error where the flow would have to be inside two solids that have no place in common.
     fn check_containers(&self) -> Result<(), FlowError> {
-        let named = self.scene.settings.flow.containers.iter();
-        let boxes: Vec<_> = named.filter_map(|name| Some((name, self.shape(name)?.sdf.as_ref()?.bounds()?))).collect();
+        // Those that move may come together.
+        let resting = self.scene.settings.flow.containers.iter().filter_map(|name| Some((name, self.shape(name)?)));
+        let resting = resting.filter(|(_, shape)| shape.motion.is_none());
+        let boxes: Vec<_> = resting.filter_map(|(name, shape)| Some((name, shape.sdf.as_ref()?.bounds()?))).collect();
         for (i, (b, of_b)) in boxes.iter().enumerate() {
             for (a, of_a) in &boxes[..i] {
                 if of_a.min.cmpgt(of_b.max).any() || of_b.min.cmpgt(of_a.max).any() {

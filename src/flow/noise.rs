@@ -18,9 +18,9 @@ use crate::math::real::{Lane, Word, triple};
 /// cancel, and |∇×ψ|² is six such derivatives. The tests hold it against quadrature and against the noise itself.
 pub const RMS_SPEED: f64 = 1.220_077_940_7;
 
-/// Root mean square of |∇f × ∇g| for f and g the first two components of unit noise, averaged over a cell; from 10⁸
-/// samples, which a test repeats with fewer.
-pub const RMS_BITANGENT: f64 = 0.632_587;
+/// Root mean square of |∇f × ∇g| for f and g from [`noise_pair`], averaged over a cell; measured, to a
+/// thousandth. While evolving noise changes from pattern to pattern it is up to 2 % less.
+pub const RMS_BITANGENT: f64 = 0.643_4;
 
 /// Odd multipliers of the lattice coordinates: large primes without structure among their sums.
 const STRIDE: [u32; 3] = [0x9E37_79B1, 0x85EB_CA77, 0xC2B2_AE3D];
@@ -77,7 +77,7 @@ pub fn gradient_noise<L: Lane>(p: [L; 3], cell: [u32; 3], seed: [L::Word; 2], sp
     )
 }
 
-/// The first two components of [`gradient_noise`]; the third is 0.
+/// Two noises whose gradients at lattice points are at right angles at all times; the third component is 0.
 #[inline(never)]
 pub fn noise_pair<L: Lane>(p: [L; 3], cell: [u32; 3], seed: [L::Word; 2], spin: Spin<L>) -> Psi<L> {
     p[0].outlined(
@@ -115,7 +115,8 @@ fn gradient_noise_here<L: Lane, const COMPONENTS: usize>(
             let slope_y = slope[1][j] * weight[2][k];
             let slope_z = weight[1][j] * slope[2][k];
             for i in 0..2 {
-                let gradients = LatticeFrame::new(one, hash(stride[0][i].add(stride_yz), seed[1])).gradients(spin);
+                let frame = LatticeFrame::new(one, hash(stride[0][i].add(stride_yz), seed[1]));
+                let gradients = if COMPONENTS == 2 { frame.pair(spin) } else { frame.gradients(spin) };
                 let w = weight[0][i] * weight_yz;
                 let dw = [slope[0][i] * weight_yz, weight[0][i] * slope_y, weight[0][i] * slope_z];
                 let r = [offset[0][i], offset[1][j], offset[2][k]];
@@ -165,18 +166,20 @@ mod tests {
 
     #[test]
     fn the_cross_product_of_two_gradients_has_the_stated_size() {
-        let (n, mut square) = (400_000, 0.0);
-        let mut rng = CounterRng::new(Seed(6));
-        for _ in 0..n {
-            let p = random_point(&mut rng);
-            let pair = noise_pair(p, [0; 3], seed_words(p[0], [3, 5]), Spin::from_turns(0.2));
-            assert_eq!(pair.value[2], 0.0);
-            let v = crate::math::real::cross(pair.jacobian[0], pair.jacobian[1]);
-            square += v.iter().map(|x| x * x).sum::<f64>();
+        for turns in [0.0, 0.125, 0.2, 0.4] {
+            let (n, mut square) = (400_000, 0.0);
+            let mut rng = CounterRng::new(Seed(6));
+            for _ in 0..n {
+                let p = random_point(&mut rng);
+                let pair = noise_pair(p, [0; 3], seed_words(p[0], [3, 5]), Spin::from_turns(turns));
+                assert_eq!(pair.value[2], 0.0);
+                let v = crate::math::real::cross(pair.jacobian[0], pair.jacobian[1]);
+                square += v.iter().map(|x| x * x).sum::<f64>();
+            }
+            let rms = (square / f64::from(n)).sqrt();
+            println!("RMS |∇f × ∇g| {rms:.6} after {turns} turns");
+            assert!((rms / RMS_BITANGENT - 1.0).abs() < 3e-3, "{rms} after {turns} turns");
         }
-        let rms = (square / f64::from(n)).sqrt();
-        println!("RMS |∇f × ∇g| {rms:.6}");
-        assert!((rms / RMS_BITANGENT - 1.0).abs() < 3e-3, "{rms}");
     }
 
     #[test]

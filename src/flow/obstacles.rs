@@ -223,7 +223,12 @@ impl Obstacle {
         self.size
     }
 
-    /// Half its middle extent [m], which is the influence it has by default.
+    /// Whether the flow is held fast both by a ground and by what stands on it: one potential must do for both.
+    pub fn holds_what_stands_on_it(&self) -> bool {
+        self.boundary == Boundary::NoSlip && self.ground.is_some() && self.solids.len() > 1
+    }
+
+    /// Half its middle extent [m]: how far round it a wind gives way by default.
     pub fn girth(&self) -> f64 {
         self.girth
     }

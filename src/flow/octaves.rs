@@ -85,6 +85,7 @@ pub struct Octave {
     /// Time over which it carries the smaller octaves along [s], and whether it is the largest.
     memory: f64,
     is_largest: bool,
+    is_smallest: bool,
     /// Factor on unit noise: [m²/s] for the curl, [m³/s] for bitangents.
     amplitude: f64,
     time: Time,
@@ -150,6 +151,7 @@ pub fn octaves(settings: &OctavesSettings) -> Vec<Octave> {
                 // At a memory of 1 an eighth of a swirl's size, in the root mean square.
                 memory: if speed > 0.0 { 0.125 * settings.memory * length / speed } else { 0.0 },
                 is_largest: k == 0,
+                is_smallest: k + 1 == settings.octaves,
                 form: match settings.form {
                     Form::Planar(normal) => Form::Planar(normal.normalize()),
                     form => form,
@@ -345,12 +347,16 @@ impl OctaveSpan {
                     - dot(row, triple!(j => drift.jacobian[j][i]))
             })
         });
+        let moved = Psi { value: there.value, jacobian };
+        if self.octave.is_smallest {
+            return (moved, *drift);
+        }
         let (own, time) = (self.velocity(Dual::point(p), Dual::constant(phase)), phase.lit(self.octave.memory));
         let more = Drift {
             value: triple!(c => time.mul_add(own[c].value, drift.value[c])),
             jacobian: triple!(c => triple!(i => time.mul_add(own[c].gradient[i], drift.jacobian[c][i]))),
         };
-        (Psi { value: there.value, jacobian }, more)
+        (moved, more)
     }
 
     /// f [m³/s] and g from the first two components.

@@ -17,7 +17,7 @@ use crate::math::real::{Lane, triple};
 /// radius the clearance, which fades out, still ends before the ridge.
 pub const NOTICE: f64 = 4.0;
 /// Places on the stack; more walls than this near one point go to the heap.
-const INLINE: usize = 8;
+const INLINE: usize = 12;
 
 /// One solid of an obstacle near a point.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +46,6 @@ pub struct NearObstacle<L> {
     pub obstacle_idx: usize,
     /// The ramps of its walls, multiplied.
     pub wall: WallRamp<L>,
-    distance: Scalar<L>,
     on_ground: Scalar<L>,
 }
 
@@ -122,7 +121,7 @@ impl<L: Lane> NearWalls<L> {
             return (None, next);
         }
         let wall = WallRamp { alpha, normal: start.tangential() };
-        (Some(NearObstacle { obstacle_idx, wall, distance: start.distance, on_ground }), next)
+        (Some(NearObstacle { obstacle_idx, wall, on_ground }), next)
     }
 
     #[inline(always)]
@@ -227,12 +226,6 @@ impl<L: Lane> NearWall<L> {
 }
 
 impl<L: Lane> NearObstacle<L> {
-    /// Signed distance of the first of its walls [m] with its gradient.
-    #[inline(always)]
-    pub fn distance(&self) -> &Scalar<L> {
-        &self.distance
-    }
-
     /// The ramps of all its walls but the ground, multiplied: 1 where the ground alone is near.
     #[inline(always)]
     pub fn on_ground(&self) -> &Scalar<L> {

@@ -32,8 +32,8 @@ const INNER_ALONE: f64 = 3.0;
 /// Spacing of the outer lattice over that of the inner one.
 const OUTER_RATIO: f64 = 4.0;
 
-/// How far the outer lattice reaches beyond the mesh, in longest edges. Flows feel a body to half a longest edge by
-/// default.
+/// How far the outer lattice reaches beyond the mesh, in longest edges. Flows feel a body to at most half a longest edge
+/// by default.
 const OUTER_MARGIN: f64 = 1.0;
 
 /// Cells round each triangle in which distances are exact.

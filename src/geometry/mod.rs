@@ -252,10 +252,14 @@ fn thin_warning(
              than that let the flow through; make distance_voxel smaller",
             place(scene, name, "distance_voxel"),
             settings.file,
-            sampled.spacing(),
+            sampled.spacing() * scale_of(scene, name),
             100.0 * seen
         )
     })
+}
+
+fn scale_of(scene: &Scene, name: &str) -> f64 {
+    scene.settings.shapes.get(name).map_or(1.0, |shape| shape.transform.scale)
 }
 
 /// Whether the flow needs the distance of a shape.

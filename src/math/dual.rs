@@ -178,13 +178,14 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_differences_in_both_precisions_and_twice_over() {
-        for i in 0..200 {
+        // Not at 0, where the formula has kinks.
+        for i in 1..200 {
             let t = f64::from(i);
             let p = [(0.7 * t).sin(), (1.3 * t).cos(), (0.37 * t).sin() * 2.0];
             let exact = formula(Dual::point(p));
             let single = formula(Dual::point(p.map(|x| x as f32)));
             let twice = formula(Dual::point(Dual::point(p)));
-            assert_eq!((exact.value, twice.value.value), (formula(p), exact.value));
+            assert!((exact.value - formula(p)).abs() < 1e-14 && twice.value.value == exact.value);
             let h = 1e-6;
             for a in 0..3 {
                 let moved = |by: f64| std::array::from_fn(|i| if i == a { p[i] + by } else { p[i] });
