@@ -284,8 +284,10 @@ fn in_light(scene: &Scene, error: RenderError) -> Error {
 }
 
 fn build_field(scene: &Scene, geometry: &Geometry) -> Result<VelocityField, Error> {
-    VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) })
-        .map_err(|e| in_scene(scene, &e.key().to_owned(), None, e))
+    VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) }).map_err(|e| {
+        let key = e.key().to_string();
+        in_scene(scene, &key, None, e)
+    })
 }
 
 /// An error with the place in the scene, and the frame, that it comes from.

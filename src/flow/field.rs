@@ -111,6 +111,7 @@ struct SourceWall {
 
 /// What a potential is compared with at a wall: the excess over it is removed.
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "a few of them, made once a step")]
 enum Gauge {
     /// The excess is the potential less a constant.
     Constant([Parabola; 3]),

@@ -224,6 +224,7 @@ mod tests {
     }
 
     #[test]
+    #[allow(clippy::needless_range_loop, reason = "three arrays and a fourth")]
     fn no_step_leads_through_a_thin_plate_however_long_it_is() {
         let half_size = DVec3::new(1.0, 0.005, 1.0);
         let plate = Primitive::Cuboid(Cuboid { center: DVec3::ZERO, half_size, rounding: 0.0 });
