@@ -67,13 +67,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let inertial: Vec<[f64; 2]> =
         points.iter().copied().filter(|p| (low - 0.01..=high + 0.01).contains(&p[0])).collect();
     let (slope, offset) = fit(&inertial);
-    eprintln!(
-        "slope {slope:.3} between {:.1} and {:.1} cycles/m; Kolmogorov's is -1.667",
-        10f64.powf(low),
-        10f64.powf(high)
-    );
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/flow/spectrum.png");
     std::fs::write(&path, draw(&points, slope, offset, [low, high]).to_png()?)?;
+    if (slope + 5.0 / 3.0).abs() > 0.1 {
+        return Err(format!("the slope is {slope:.3} and not Kolmogorov's −5/3").into());
+    }
     Ok(())
 }
 
