@@ -463,18 +463,9 @@ impl FieldSpan<'_> {
     /// Signed distance to the closest wall [m], negative where the flow must not be, infinite without obstacles.
     #[inline(never)]
     pub fn distance<L: Lane>(&self, p: [L; 3], phase: L) -> L {
-        phase.outlined(
-            #[inline(always)]
-            || self.distance_here(p, phase),
-        )
-    }
-
-    #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn distance_here<L: Lane>(&self, p: [L; 3], phase: L) -> L {
-        let mut least = phase.lit(f64::INFINITY);
-        for i in 0..self.motions.len() {
-            least = least.min(self.field.obstacles[i].distance(self.motions[i].as_ref(), p, phase));
+        let mut least = p[0].lit(f64::INFINITY);
+        for (obstacle, motion) in self.field.obstacles.iter().zip(&self.motions) {
+            least = least.min(obstacle.distance(motion.as_ref(), p, phase));
         }
         least
     }

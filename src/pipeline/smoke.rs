@@ -6,15 +6,12 @@ use crate::geometry::Geometry;
 use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
-use crate::math::lanes::{Kernel, Lanes, run_kernel};
-use crate::math::real::{Lane, MAX_WIDTH};
 use crate::output::sidecar::{MassFigures, Sidecar};
 use crate::particles::ParticleSystem;
 use crate::pipeline::{BORN_INSIDE_NOTED, build_field, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::Scene;
 use crate::scene::pattern::Pattern;
-use fearless_simd::Simd;
 use glam::DVec3;
 use std::time::Instant;
 
@@ -123,43 +120,8 @@ struct FlowObstacles<'a>(FieldSpan<'a>);
 
 impl ObstacleDistance for FlowObstacles<'_> {
     fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
-        if let ([point], [distance]) = (points, &mut *distances) {
+        for (point, distance) in points.iter().zip(distances) {
             *distance = self.0.distance(point.to_array(), 0.0);
-            return;
-        }
-        run_kernel(Distances { span: &self.0, points, distances });
-    }
-}
-
-struct Distances<'a, 'b> {
-    span: &'a FieldSpan<'b>,
-    points: &'a [DVec3],
-    distances: &'a mut [f64],
-}
-
-impl Kernel for Distances<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn run<S: Simd>(self, simd: S) {
-        for start in (0..self.points.len()).step_by(Lanes::<S>::WIDTH) {
-            let count = Lanes::<S>::WIDTH.min(self.points.len() - start);
-            let mut axes = [[0.0f32; MAX_WIDTH]; 3];
-            for i in 0..count {
-                for axis in 0..3 {
-                    axes[axis][i] = self.points[start + i][axis] as f32;
-                }
-            }
-            let p = [
-                Lanes::load(simd, &axes[0][..count]),
-                Lanes::load(simd, &axes[1][..count]),
-                Lanes::load(simd, &axes[2][..count]),
-            ];
-            let found = self.span.distance(p, Lanes::splat(simd, 0.0));
-            for i in 0..count {
-                self.distances[start + i] = found.lane(i);
-            }
         }
     }
 }
