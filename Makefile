@@ -3,9 +3,9 @@ CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
 .PHONY: plume test gallery flow-pictures refs bench
 
+# Fetches what is missing while it builds.
 plume:
-	./bootstrap.sh
-	cargo build --release --bin curlsmoke
+	./bootstrap.sh & fetching=$$!; cargo build --release --bin curlsmoke && wait $$fetching
 	$(CURLSMOKE) render scenes/plume.yaml --resume
 
 test:
