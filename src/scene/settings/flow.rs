@@ -102,7 +102,7 @@ pub struct Shear {
     /// A point that stands still [m]. Default the origin.
     #[serde(default)]
     pub origin: Vec3,
-    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's longest extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
@@ -123,7 +123,7 @@ pub struct Rigid {
     pub velocity: Vec3,
     /// Axis and speed of the rotation [rad/s].
     pub angular_velocity: Vec3,
-    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's longest extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
@@ -150,7 +150,7 @@ pub struct Plume {
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub rise: Option<f64>,
-    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's middle extent.
+    /// Distance from obstacles over which the flow bends [m]. Default half the obstacle's longest extent.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub influence_radius: Option<f64>,
