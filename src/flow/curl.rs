@@ -27,9 +27,3 @@ pub fn central_jacobian(f: impl Fn([f64; 3]) -> [f64; 3], p: [f64; 3], h: f64) -
     }
     jacobian
 }
-
-/// Trace of the Jacobian of `f` by central differences of step `h`: a test oracle.
-pub fn central_divergence(f: impl Fn([f64; 3]) -> [f64; 3], p: [f64; 3], h: f64) -> f64 {
-    let jacobian = central_jacobian(f, p, h);
-    jacobian[0][0] + jacobian[1][1] + jacobian[2][2]
-}

@@ -14,9 +14,6 @@ const SPACING: f64 = 0.2;
 /// Largest speed round a straight row of blobs of strength 1 for each metre: 9·B·x·(1 − x²)^3.5 at its maximum x² = 1/8,
 /// with B = ∫(1 − t²)⁴dt = 256/315.
 const PEAK_SPEED: f64 = 1.620_497_26;
-/// Most blobs of a line.
-pub const BLOB_COUNT_MAX: f64 = 100_000.0;
-
 /// A whirl about a point or along a line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vortex {

@@ -52,11 +52,6 @@ impl Motion {
         Pose { displacement: a.displacement.lerp(b.displacement, t), rotation: a.rotation.slerp(b.rotation, t) }
     }
 
-    /// Whether the body stands still all the time.
-    pub fn is_still(&self) -> bool {
-        self.keys.iter().all(|k| k.1 == self.keys[0].1)
-    }
-
     /// The motion from `start` [s] on for `duration` [s], of a body whose middle rests at `center`. A span without
     /// duration has the velocity at its instant.
     pub fn span(&self, center: DVec3, start: f64, duration: f64) -> RigidSpan {
