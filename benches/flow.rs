@@ -9,11 +9,10 @@ use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
 use curlsmoke::geometry::primitive::{Primitive, Sphere};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::hash::{CounterRng, Seed};
-use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
-use curlsmoke::math::real::{Lane, Real};
+use curlsmoke::math::lanes::{Batch, Kernel, run_kernel};
+
 use curlsmoke::math::space::Similarity;
 use curlsmoke::particles::advect::{CLASSICAL, Coordinates, MIDPOINT, advance, advanced, evaluate};
-use fearless_simd::Simd;
 use glam::DVec3;
 use std::hint::black_box;
 use std::sync::Arc;
@@ -50,12 +49,11 @@ struct Noise<'a>(&'a Coordinates);
 impl Kernel for Noise<'_> {
     type Output = f64;
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> f64 {
+    fn run<L: Batch>(self, zero: L) -> f64 {
         let [x, y, z] = self.0;
-        let zero = Lanes::splat(simd, 0.0);
         let mut sum = zero;
-        for i in (0..x.len()).step_by(Lanes::<S>::WIDTH) {
-            let p = [Lanes::load(simd, &x[i..]), Lanes::load(simd, &y[i..]), Lanes::load(simd, &z[i..])];
+        for i in (0..x.len()).step_by(L::WIDTH) {
+            let p = [zero.load(&x[i..]), zero.load(&y[i..]), zero.load(&z[i..])];
             let psi = gradient_noise(p, [0; 3], seed_words(zero, [1, 2]), Spin::advanced(Spin::from_turns(0.1), zero));
             for c in 0..3 {
                 sum = sum + psi.value[c] + psi.jacobian[c][0] + psi.jacobian[c][1] + psi.jacobian[c][2];
@@ -149,9 +147,9 @@ impl Kernel for Peak {
     type Output = (f64, usize);
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn run<S: Simd>(self, simd: S) -> (f64, usize) {
-        let (factor, term) = (Lanes::splat(simd, black_box(0.999)), Lanes::splat(simd, black_box(0.001)));
-        let mut chains = [Lanes::splat(simd, 0.5); CHAINS];
+    fn run<L: Batch>(self, zero: L) -> (f64, usize) {
+        let (factor, term) = (zero.lit(black_box(0.999)), zero.lit(black_box(0.001)));
+        let mut chains = [zero.lit(0.5); CHAINS];
         for _ in 0..LINKS {
             for k in 0..CHAINS {
                 chains[k] = factor.mul_add(chains[k], term);
@@ -161,7 +159,7 @@ impl Kernel for Peak {
         for k in 1..CHAINS {
             sum = sum + chains[k];
         }
-        (sum.lane(0), Lanes::<S>::WIDTH)
+        (sum.lane(0), L::WIDTH)
     }
 }
 

@@ -12,11 +12,10 @@ use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphe
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::dual::Dual;
 use curlsmoke::math::hash::{CounterRng, Seed};
-use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
-use curlsmoke::math::real::{Lane, dot, length};
+use curlsmoke::math::lanes::{Batch, Kernel, run_kernel};
+use curlsmoke::math::real::{dot, length};
 use curlsmoke::math::space::Similarity;
 use dual::divergence;
-use fearless_simd::Simd;
 use glam::{DVec3, Quat, Vec3};
 use std::sync::Arc;
 
@@ -324,14 +323,14 @@ struct WorstDifference<'a, 'b> {
 impl Kernel for WorstDifference<'_, '_> {
     type Output = f64;
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> f64 {
+    fn run<L: Batch>(self, zero: L) -> f64 {
         let mut worst = 0.0f64;
-        for chunk in self.points.chunks(Lanes::<S>::WIDTH) {
+        for chunk in self.points.chunks(L::WIDTH) {
             let axis = |a: usize| {
                 let values: Vec<f32> = chunk.iter().map(|p| p[a]).collect();
-                Lanes::load(simd, &values)
+                zero.load(&values)
             };
-            let v = self.span.velocity([axis(0), axis(1), axis(2)], Lanes::splat(simd, 0.4));
+            let v = self.span.velocity([axis(0), axis(1), axis(2)], zero.lit(0.4));
             for (i, p) in chunk.iter().enumerate() {
                 let truth = self.span.velocity(p.map(f64::from), 0.4);
                 let error: [f64; 3] = std::array::from_fn(|a| v[a].lane(i) - truth[a]);

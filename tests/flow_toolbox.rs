@@ -16,12 +16,11 @@ use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphe
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::dual::Dual;
 use curlsmoke::math::hash::{CounterRng, Seed};
-use curlsmoke::math::lanes::{Kernel, Lanes, run_kernel};
+use curlsmoke::math::lanes::{Batch, Kernel, run_kernel};
 use curlsmoke::math::lattice::Lattice;
-use curlsmoke::math::real::{Lane, dot, length};
+use curlsmoke::math::real::{dot, length};
 use curlsmoke::math::space::Similarity;
 use dual::divergence;
-use fearless_simd::Simd;
 use glam::{DMat3, DQuat, DVec3, UVec3};
 use std::sync::Arc;
 
@@ -284,16 +283,16 @@ struct Batches<'a> {
 impl Kernel for Batches<'_> {
     type Output = f64;
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> f64 {
+    fn run<L: Batch>(self, zero: L) -> f64 {
         let mut worst = 0.0f64;
-        let phase = Lanes::splat(simd, 0.3);
-        for group in self.points.chunks(Lanes::<S>::WIDTH) {
+        let phase = zero.lit(0.3);
+        for group in self.points.chunks(L::WIDTH) {
             let axis = |a: usize| group.iter().map(|p| p[a]).collect::<Vec<_>>();
-            let p = [0, 1, 2].map(|a| Lanes::load(simd, &axis(a)));
+            let p = [0, 1, 2].map(|a| zero.load(&axis(a)));
             let v = self.span.velocity(p, phase);
             for (i, point) in group.iter().enumerate() {
                 let exact = self.span.velocity(point.map(f64::from), 0.3);
-                let alone = self.span.velocity(point.map(|x| Lanes::splat(simd, x)), phase);
+                let alone = self.span.velocity(point.map(|x| zero.lit(f64::from(x))), phase);
                 for a in 0..3 {
                     assert_eq!(v[a].lane(i), alone[a].lane(0), "a lane depends on its neighbours at {point:?}");
                     worst = worst.max((v[a].lane(i) - exact[a]).abs() / (1.0 + exact[a].abs()));

@@ -247,8 +247,26 @@ fn fraction(state: &State, done: u64) -> f64 {
 
 /// Time left for all frames [s], once there is something to tell it from.
 fn seconds_left(state: &State, done: u64) -> Option<f64> {
-    let fraction = fraction(state, done);
-    (fraction > 0.0).then(|| state.start.elapsed().as_secs_f64() * (1.0 - fraction) / fraction)
+    /// Less of a stage says nothing of the rest.
+    const SHARE_MIN: f64 = 0.01;
+    if state.count == 0 {
+        return None;
+    }
+    let (all, frame) = (state.start.elapsed().as_secs_f64(), state.frame_start.elapsed().as_secs_f64());
+    let rest_of_frame = match (state.stage, state.index) {
+        (Some(Stage::Render), _) => {
+            let share = stage_share(state, done);
+            if share < SHARE_MIN {
+                return None;
+            }
+            state.stage_start.elapsed().as_secs_f64() * (1.0 - share) / share
+        }
+        (None | Some(Stage::Write), _) => 0.0,
+        (Some(_), 0) => return None,
+        (Some(_), done) => ((all - frame) / done as f64 - frame).max(0.0),
+    };
+    let mean = (all + rest_of_frame) / (state.index + 1) as f64;
+    Some(rest_of_frame + mean * (state.count - state.index - 1) as f64)
 }
 
 /// `950`, `1.2 k`, `3.4 M`, `5.6 G`.

@@ -139,14 +139,14 @@ impl Block {
         let q: [L; 3] = triple!(j => dot(rows[j], p) + p[0].lit(self.offset[j]));
         // The spline rings a little round its border, and goes on in straight lines beyond.
         let (min, max) = (self.spline.min(), self.spline.max());
-        let fade = {
-            let q = Jet::point(q);
-            let along: [Jet<L>; 3] = triple!(i => {
-                let inward = (q[i] - q[i].lit(min[i])).min(q[i].lit(max[i]) - q[i]);
-                smooth(inward, 0.0, f64::from(BORDER) - 1.0)
-            });
-            (along[0] * along[1] * along[2]).scalar()
-        };
+        let along: [(L, L); 3] = triple!(i => {
+            let (one, inverse) = (q[i].lit(1.0), q[i].lit(1.0 / (f64::from(BORDER) - 1.0)));
+            let (from_min, to_max) = (q[i] - q[i].lit(min[i]), q[i].lit(max[i]) - q[i]);
+            let (fade, slope) = quintic_step((from_min.min(to_max) * inverse).clamp(one.lit(0.0), one));
+            (fade, slope * from_min.select_lt(to_max, inverse, -inverse))
+        });
+        let [(x, by_x), (y, by_y), (z, by_z)] = along;
+        let fade = Scalar { value: x * y * z, gradient: [by_x * y * z, x * by_y * z, x * y * by_z] };
         let value = self.spline.at(q).times(&fade);
         let gradient = triple!(i => {
             dot([rows[0][i], rows[1][i], rows[2][i]], value.gradient)

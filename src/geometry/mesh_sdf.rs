@@ -465,9 +465,8 @@ mod tests {
     use super::*;
     use crate::geometry::mesh::tests::{ball, torus};
     use crate::math::hash::{CounterRng, Seed};
-    use crate::math::lanes::{Kernel, Lanes, run_kernel};
+    use crate::math::lanes::{Batch, Kernel, run_kernel};
     use crate::math::real::length;
-    use fearless_simd::Simd;
 
     const LIMIT: u64 = 1 << 30;
 
@@ -581,15 +580,15 @@ mod tests {
     impl Kernel for LaneByLane<'_> {
         type Output = ();
         #[inline(always)]
-        fn run<S: Simd>(self, simd: S) {
+        fn run<L: Batch>(self, zero: L) {
             let all: Vec<[f32; 3]> = points(1600, 3.0).map(|p| p.map(|x| x as f32)).collect();
-            for group in all.chunks(Lanes::<S>::WIDTH) {
+            for group in all.chunks(L::WIDTH) {
                 let axis = |a: usize| group.iter().map(|p| p[a]).collect::<Vec<_>>();
-                let p = triple!(a => Lanes::load(simd, &axis(a)));
+                let p = triple!(a => zero.load(&axis(a)));
                 let found = self.0.at(p);
                 for (i, p) in group.iter().enumerate() {
                     // Whatever its neighbours are, a lane comes out to the bit as among copies of itself.
-                    let alone = self.0.at(triple!(a => Lanes::splat(simd, p[a])));
+                    let alone = self.0.at(triple!(a => zero.lit(f64::from(p[a]))));
                     let exact = self.0.at(p.map(f64::from));
                     assert_eq!(found.value.lane(i), alone.value.lane(0));
                     assert!((found.value.lane(i) - exact.value).abs() < 2e-6, "{p:?}");

@@ -100,9 +100,17 @@ impl Spline {
     }
 
     /// The field at `p` [m] with its gradient.
+    #[inline(never)]
+    pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+        p[0].outlined(
+            #[inline(always)]
+            || self.at_here(p),
+        )
+    }
+
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn at<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+    fn at_here<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
         let [x, y, z]: [Weights<L>; 3] = triple!(axis => self.weights(p[axis], axis));
         let dims = self.coefficients.dims();
         let (row, slice) = (dims.x as usize, dims.x as usize * dims.y as usize);

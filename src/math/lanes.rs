@@ -23,42 +23,49 @@ pub struct WordLanes<S: Simd> {
     values: FloatBits<S>,
 }
 
-/// Work that is generic over the instruction set.
+/// A [`Lane`] that is read from arrays of single precision and written back.
+pub trait Batch: Lane {
+    /// The first `WIDTH` numbers of `slice`, of the same kind as `self`; the last one again where there are fewer.
+    ///
+    /// # Panics
+    /// When `slice` is empty.
+    fn load(self, slice: &[f32]) -> Self;
+    /// Writes the first `WIDTH` numbers of `slice`, or as many as there are.
+    fn store(self, slice: &mut [f32]);
+}
+
+/// Work that is generic over how many numbers are computed side by side.
 pub trait Kernel {
     /// What comes out.
     type Output;
-    /// Does the work. Mark implementations `#[inline(always)]`, or the instruction set is not used.
-    fn run<S: Simd>(self, simd: S) -> Self::Output;
+    /// Does the work; constants are made from `zero`. Mark implementations `#[inline(always)]`, or the instruction set is
+    /// not used.
+    fn run<L: Batch>(self, zero: L) -> Self::Output;
 }
 
 /// Runs the kernel with the best instruction set this processor has.
 pub fn run_kernel<K: Kernel>(kernel: K) -> K::Output {
     let level = Level::new();
-    // One instruction set less than `dispatch!` has: every one is a copy of all kernels to compile.
     #[cfg(target_arch = "x86_64")]
     {
         if let Some(simd) = level.as_avx512() {
             return simd.vectorize(
                 #[inline(always)]
-                || kernel.run(simd),
+                || kernel.run(Lanes::splat(simd, 0.0)),
             );
         }
         if let Some(simd) = level.as_avx2() {
             return simd.vectorize(
                 #[inline(always)]
-                || kernel.run(simd),
+                || kernel.run(Lanes::splat(simd, 0.0)),
             );
         }
-        if let Some(simd) = level.as_sse2() {
-            return simd.vectorize(
-                #[inline(always)]
-                || kernel.run(simd),
-            );
-        }
-        unreachable!("every x86-64 processor has SSE2")
+        // Every instruction set is a copy of all kernels to compile, and the scalar ones are there already. Processors
+        // without AVX2 are from before 2015.
+        kernel.run(0.0f64)
     }
     #[cfg(not(target_arch = "x86_64"))]
-    fearless_simd::dispatch!(level, simd => kernel.run(simd))
+    fearless_simd::dispatch!(level, simd => kernel.run(Lanes::splat(simd, 0.0)))
 }
 
 impl<S: Simd> Lanes<S> {
@@ -69,33 +76,40 @@ impl<S: Simd> Lanes<S> {
 
     /// `x` in every lane.
     #[inline(always)]
-    pub fn splat(simd: S, x: f32) -> Self {
+    fn splat(simd: S, x: f32) -> Self {
         Self { simd, values: S::f32s::simd_from(simd, x) }
     }
+}
 
-    /// The first `WIDTH` numbers of `slice`; the last one again where there are fewer.
-    ///
-    /// # Panics
-    /// When `slice` is empty.
+impl<S: Simd> Batch for Lanes<S> {
     #[inline(always)]
-    pub fn load(simd: S, slice: &[f32]) -> Self {
+    fn load(self, slice: &[f32]) -> Self {
         let values = if slice.len() >= Self::WIDTH {
-            S::f32s::from_slice(simd, &slice[..Self::WIDTH])
+            S::f32s::from_slice(self.simd, &slice[..Self::WIDTH])
         } else {
-            S::f32s::from_fn(simd, |i| slice[i.min(slice.len() - 1)])
+            S::f32s::from_fn(self.simd, |i| slice[i.min(slice.len() - 1)])
         };
-        Self { simd, values }
+        self.wrap(values)
     }
-
-    /// Writes the first `WIDTH` numbers of `slice`, or as many as there are.
     #[inline(always)]
-    pub fn store(self, slice: &mut [f32]) {
+    fn store(self, slice: &mut [f32]) {
         if slice.len() >= Self::WIDTH {
             self.values.store_slice(&mut slice[..Self::WIDTH]);
         } else {
             let count = slice.len();
             slice.copy_from_slice(&self.values.as_slice()[..count]);
         }
+    }
+}
+
+impl Batch for f64 {
+    #[inline(always)]
+    fn load(self, slice: &[f32]) -> Self {
+        f64::from(slice[0])
+    }
+    #[inline(always)]
+    fn store(self, slice: &mut [f32]) {
+        slice[0] = self as f32;
     }
 }
 
@@ -278,9 +292,9 @@ mod tests {
     impl Kernel for EqualToScalar<'_> {
         type Output = ();
         #[inline(always)]
-        fn run<S: Simd>(self, simd: S) {
-            for chunk in self.0.chunks(Lanes::<S>::WIDTH) {
-                let x = Lanes::load(simd, chunk);
+        fn run<L: Batch>(self, zero: L) {
+            for chunk in self.0.chunks(L::WIDTH) {
+                let x = zero.load(chunk);
                 let word = x.floor().to_word();
                 let hashed = word.mul(word.lit(0x7FEB_352D)).xor(word.shr(3)).add(word.shl(5));
                 let y = x.sqrt().max(x.unit8(hashed)).negate_by_top_bit(hashed);
@@ -305,8 +319,8 @@ mod tests {
     impl Kernel for WordOf {
         type Output = bool;
         #[inline(always)]
-        fn run<S: Simd>(self, simd: S) -> bool {
-            let x = Lanes::splat(simd, self.0);
+        fn run<L: Batch>(self, zero: L) -> bool {
+            let x = zero.lit(f64::from(self.0));
             let expected = x.gather(|_| f64::from(self.0.to_word() & 0xFF));
             // Eight bits at a time, as numbers: words themselves cannot be looked at.
             let got = (x.unit8(x.to_word()) * x.lit(256.0)).floor();

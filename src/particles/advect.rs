@@ -4,9 +4,8 @@
 //! share a register changes a bit.
 
 use crate::flow::field::FieldSpan;
-use crate::math::lanes::{Kernel, Lanes, run_kernel};
+use crate::math::lanes::{Batch, Kernel, run_kernel};
 use crate::math::real::{Lane, triple};
-use fearless_simd::Simd;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -52,21 +51,21 @@ impl Kernel for Step<'_, '_> {
     type Output = u64;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> u64 {
+    fn run<L: Batch>(self, zero: L) -> u64 {
         let [x, y, z] = self.position;
         let mut corrected = 0;
-        for start in (0..x.len()).step_by(Lanes::<S>::WIDTH) {
-            let p = [Lanes::load(simd, &x[start..]), Lanes::load(simd, &y[start..]), Lanes::load(simd, &z[start..])];
+        for start in (0..x.len()).step_by(L::WIDTH) {
+            let p = [zero.load(&x[start..]), zero.load(&y[start..]), zero.load(&z[start..])];
             let phase = match self.phase {
-                Some(phase) => Lanes::load(simd, &phase[start..]),
-                None => Lanes::splat(simd, 0.0),
+                Some(phase) => zero.load(&phase[start..]),
+                None => zero,
             };
             let q = advanced(self.span, self.scheme, self.duration, p, phase);
             q[0].store(&mut x[start..]);
             q[1].store(&mut y[start..]);
             q[2].store(&mut z[start..]);
             if let Some(suspicion) = self.span.suspicion(p, phase, q) {
-                for i in start..(start + Lanes::<S>::WIDTH).min(x.len()) {
+                for i in start..(start + L::WIDTH).min(x.len()) {
                     let lane = i - start;
                     // Written so that NaN is looked at too.
                     if suspicion.lane(lane) >= 0.0 {
@@ -136,10 +135,10 @@ impl Kernel for Evaluate<'_, '_> {
 
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn run<S: Simd>(self, simd: S) {
-        for start in (0..self.position[0].len()).step_by(Lanes::<S>::WIDTH) {
-            let p = triple!(axis => Lanes::load(simd, &self.position[axis][start..]));
-            let v = self.span.velocity(p, Lanes::splat(simd, 0.0));
+    fn run<L: Batch>(self, zero: L) {
+        for start in (0..self.position[0].len()).step_by(L::WIDTH) {
+            let p = triple!(axis => zero.load(&self.position[axis][start..]));
+            let v = self.span.velocity(p, zero);
             for axis in 0..3 {
                 v[axis].store(&mut self.velocity[axis][start..]);
             }
@@ -254,6 +253,23 @@ mod tests {
         }
         println!("{would_pass} of 20000 steps would have passed the plate, {corrected} were corrected");
         assert!(would_pass > 100 && corrected >= u64::from(would_pass));
+    }
+
+    #[test]
+    fn processors_without_lanes_come_to_the_same_places() {
+        let field = field();
+        let span = field.span(0.0, 0.1);
+        let axis = |a: f32| (0..500).map(|i| (i as f32 * a).sin()).collect::<Vec<f32>>();
+        let mut lanes = [axis(0.7), axis(1.1), axis(1.7)];
+        let mut alone = lanes.clone();
+        advance(&span, CLASSICAL, 0.1, &mut lanes, 0..500, None);
+        let [x, y, z] = &mut alone;
+        let step = Step { span: &span, scheme: CLASSICAL, duration: 0.1, position: [x, y, z], phase: None };
+        assert_eq!(step.run(0.0f64), 0);
+        for a in 0..3 {
+            assert_ne!(alone[a], [axis(0.7), axis(1.1), axis(1.7)][a]);
+            assert!(lanes[a].iter().zip(&alone[a]).all(|(p, q)| (p - q).abs() < 2e-6));
+        }
     }
 
     #[test]

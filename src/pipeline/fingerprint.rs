@@ -40,9 +40,8 @@ impl InputHash {
             }
         }
         let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;
-        let mut text = serde_json::to_vec(&settings).map_err(|e| Error::Internal(e.to_string()))?;
-        text.extend(format!("{crop:?}").bytes());
-        Ok(Self { settings: text, files: hashes.concat() })
+        let settings = serde_json::to_value(&settings).map_err(|e| Error::Internal(e.to_string()))?;
+        Ok(Self { settings: format!("{settings}{crop:?}").into_bytes(), files: hashes.concat() })
     }
 
     pub(super) fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
