@@ -210,7 +210,7 @@ impl Studio {
         let start = Instant::now();
         let geometry = build_geometry(scene, progress)?;
         geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
-        let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry)?) };
+        let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry, 0.0)?) };
         let smoke = SmokeSource::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());
         Ok(Self { geometry, world, smoke })
@@ -234,11 +234,15 @@ impl Studio {
         record.add_time(Stage::Grid, start.elapsed());
         let view = render::build_view(scene, frame, crop);
         let moved;
-        let world = match &self.world {
-            Some(world) => world,
+        let time = time_of(scene, frame);
+        let world = match &mut self.world {
+            Some(world) => {
+                world.materials = render::build_materials(scene, &self.geometry, time);
+                world
+            }
             None => {
-                let geometry = self.geometry.at(time_of(scene, frame));
-                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &geometry))?;
+                let geometry = self.geometry.at(time);
+                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &geometry, time))?;
                 &moved
             }
         };
@@ -268,8 +272,8 @@ fn time_of(scene: &Scene, frame: i32) -> f64 {
     (f64::from(frame) - f64::from(frames.first)) / frames.fps
 }
 
-fn build_world(scene: &Scene, geometry: &Geometry) -> Result<World, Error> {
-    render::build_world(scene, geometry, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
+fn build_world(scene: &Scene, geometry: &Geometry, time: f64) -> Result<World, Error> {
+    render::build_world(scene, geometry, time, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
         .map_err(|e| in_light(scene, e))
 }
 

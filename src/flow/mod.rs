@@ -11,6 +11,7 @@ pub mod obstacles;
 pub mod octaves;
 pub mod potential;
 pub mod ramp;
+pub mod turbulence;
 pub mod vortex;
 pub mod walls;
 

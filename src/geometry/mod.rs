@@ -49,6 +49,8 @@ pub struct Shape {
     pub mesh: Option<Arc<Mesh>>,
     /// Whether light meets it.
     pub visible: bool,
+    /// How far its motion has brought it.
+    pub moved: Similarity,
     /// What light meets, where it is not a mesh.
     solid: Option<Arc<Solid>>,
 }
@@ -103,7 +105,7 @@ impl Shape {
             self.sdf.as_ref().map(|sdf| Arc::new(PlacedSdf::new(sdf.sdf().clone(), sdf.placement().then(&moved))));
         let solid = self.solid.as_ref().zip(sdf.as_ref()).and_then(|(solid, sdf)| solid.moved(sdf)).map(Arc::new);
         let mesh = self.mesh.as_ref().map(|mesh| Arc::new(mesh.transformed(&moved)));
-        Self { sdf, solid, mesh, motion: None, ..self.clone() }
+        Self { sdf, solid, mesh, moved, motion: None, ..self.clone() }
     }
 }
 
@@ -181,7 +183,16 @@ impl Geometry {
         let pivot = sdf.as_ref().map_or(middle, |sdf: &Arc<PlacedSdf>| sdf.center()).0.as_dvec3();
         let mesh = if settings.smooth { mesh } else { mesh.without_normals() };
         let mesh = Some(Arc::new(mesh.transformed(placement)));
-        Ok(Shape { name: name.into(), sdf, motion: None, pivot, mesh, visible: true, solid: None })
+        Ok(Shape {
+            name: name.into(),
+            sdf,
+            motion: None,
+            pivot,
+            mesh,
+            visible: true,
+            moved: Similarity::IDENTITY,
+            solid: None,
+        })
     }
 
     /// A warning where the camera stands inside a visible solid at the first frame: a primitive, or a closed mesh.
@@ -283,7 +294,16 @@ fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity
     let extent = settings.plane.as_ref().map_or(0.0, |plane| plane.extent);
     let solid = sdf.as_deref().and_then(|sdf| Solid::try_new(sdf, extent)).map(Arc::new);
     let pivot = sdf.as_ref().map_or(DVec3::ZERO, |sdf| sdf.center().0.as_dvec3());
-    Shape { name: name.into(), sdf, motion: None, pivot, mesh: None, visible: settings.visible, solid }
+    Shape {
+        name: name.into(),
+        sdf,
+        motion: None,
+        pivot,
+        mesh: None,
+        visible: settings.visible,
+        moved: Similarity::IDENTITY,
+        solid,
+    }
 }
 
 fn primitive(shape: &settings::Shape) -> Option<Primitive> {

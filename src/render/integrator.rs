@@ -10,7 +10,7 @@ use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::light::{Light, LightSample};
-use crate::render::material::Material;
+use crate::render::material::{Bsdf, Material};
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::tracking::{Event, estimate_transmittance, sample_collision};
@@ -53,7 +53,7 @@ pub struct Integrator<'a> {
 /// A place where light changes direction.
 enum Vertex<'a> {
     Smoke { point: WorldPoint, medium: &'a Medium, before: UnitVec3 },
-    Surface { hit: Hit, before: UnitVec3, normal: UnitVec3, material: &'a Material },
+    Surface { hit: Hit, before: UnitVec3, normal: UnitVec3, bsdf: Bsdf },
 }
 
 /// A direction to go on along, with its density [1/sr] and the throughput's factor.
@@ -131,7 +131,11 @@ impl<'a> Integrator<'a> {
                         contribution.alpha = 1.0;
                         return contribution;
                     }
-                    (None, Some(hit)) => self.surface_vertex(hit, ray.direction),
+                    (None, Some(hit)) => {
+                        // No light of the direct connections, so that every path that meets it counts in full.
+                        contribution.radiance += throughput * self.material(&hit).emitted(hit.position);
+                        self.surface_vertex(hit, ray.direction)
+                    }
                     (None, None) => {
                         self.add_background(&ray, throughput, direction_pdf, bounce == 0, &mut contribution);
                         return contribution;
@@ -182,11 +186,15 @@ impl<'a> Integrator<'a> {
     }
 
     fn surface_vertex(&self, hit: Hit, before: UnitVec3) -> Vertex<'a> {
-        let material = &self.world.materials[hit.shape_idx as usize];
+        let bsdf = self.material(&hit).bsdf(hit.position);
         // Materials act alike on both sides: look at the surface from the side the path came from.
         let is_front = hit.normal.dot(*before) < 0.0;
         let shading = if is_front { hit.shading_normal } else { -hit.shading_normal };
-        Vertex::Surface { hit, before, normal: shading, material }
+        Vertex::Surface { hit, before, normal: shading, bsdf }
+    }
+
+    fn material(&self, hit: &Hit) -> &'a Material {
+        &self.world.materials[hit.shape_idx as usize]
     }
 
     fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, is_camera: bool, out: &mut Contribution) {
@@ -247,10 +255,10 @@ impl Vertex<'_> {
     fn value(&self, direction: UnitVec3) -> Rgb {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.albedo * medium.phase.value(*before, direction),
-            Vertex::Surface { hit, before, normal, material } => {
+            Vertex::Surface { hit, before, normal, bsdf } => {
                 // Shading normals must not let light through the surface.
                 let same_side = hit.normal.dot(*direction) * hit.normal.dot(**before) < 0.0;
-                if same_side { material.value(*normal, direction) } else { Vec3::ZERO }
+                if same_side { bsdf.value(*normal, direction) } else { Vec3::ZERO }
             }
         }
     }
@@ -258,7 +266,7 @@ impl Vertex<'_> {
     fn pdf(&self, direction: UnitVec3) -> f32 {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.phase.value(*before, direction),
-            Vertex::Surface { normal, material, .. } => material.pdf(*normal, direction),
+            Vertex::Surface { normal, bsdf, .. } => bsdf.pdf(*normal, direction),
         }
     }
 
@@ -268,8 +276,8 @@ impl Vertex<'_> {
                 let s = medium.phase.sample(*before, u);
                 Scattering { direction: s.direction, pdf: s.pdf, weight: medium.albedo }
             }
-            Vertex::Surface { hit, before, normal, material } => {
-                let s = material.sample(*normal, u);
+            Vertex::Surface { hit, before, normal, bsdf } => {
+                let s = bsdf.sample(*normal, u);
                 let same_side = hit.normal.dot(*s.direction) * hit.normal.dot(**before) < 0.0;
                 let weight = if same_side { s.weight } else { Vec3::ZERO };
                 Scattering { direction: s.direction, pdf: s.pdf, weight }
@@ -281,9 +289,9 @@ impl Vertex<'_> {
     fn describe(&self, out: &mut Contribution) {
         match self {
             Vertex::Smoke { medium, .. } => out.albedo = medium.albedo,
-            Vertex::Surface { normal, material, .. } => {
+            Vertex::Surface { normal, bsdf, .. } => {
                 out.normal = normal.as_vec3();
-                out.albedo = material.albedo();
+                out.albedo = bsdf.albedo();
             }
         }
     }

@@ -1,14 +1,36 @@
 //! Surfaces.
 
-use crate::math::space::UnitVec3;
+use crate::math::space::{Similarity, UnitVec3, WorldPoint};
 use crate::render::color::Rgb;
+use crate::render::texture::Texture;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// What a surface does to light. Both sides behave alike.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Material {
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// How it scatters.
+    pub kind: MaterialKind,
+    /// Radiance that it gives off [W/(m² sr)], in all directions alike.
+    pub emission: Option<Texture>,
+    /// Where its shape has moved from where it rests, which is where textures are looked up.
+    pub moved: Similarity,
+}
+
+/// How a material scatters light.
+#[derive(Debug, Clone)]
+pub enum MaterialKind {
     /// Lambert: reflects alike in all directions.
+    Diffuse {
+        /// Share of light reflected, each channel in [0, 1].
+        reflectance: Texture,
+    },
+}
+
+/// How light scatters at a point of a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Bsdf {
+    /// Lambert.
     Diffuse {
         /// Share of light reflected, each channel in [0, 1].
         reflectance: Rgb,
@@ -17,7 +39,7 @@ pub enum Material {
 
 /// A sampled direction.
 #[derive(Debug, Clone, Copy)]
-pub struct MaterialSample {
+pub struct BsdfSample {
     /// Direction of travel away from the surface.
     pub direction: UnitVec3,
     /// Density over solid angle [1/sr].
@@ -27,30 +49,48 @@ pub struct MaterialSample {
 }
 
 impl Material {
+    /// How it scatters at a point of the surface.
+    pub fn bsdf(&self, point: WorldPoint) -> Bsdf {
+        match &self.kind {
+            MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance: self.color(reflectance, point) },
+        }
+    }
+
+    /// Radiance given off at a point of the surface [W/(m² sr)].
+    pub fn emitted(&self, point: WorldPoint) -> Rgb {
+        self.emission.as_ref().map_or(Vec3::ZERO, |emission| self.color(emission, point))
+    }
+
+    fn color(&self, texture: &Texture, point: WorldPoint) -> Rgb {
+        texture.at(self.moved.point_to_local(point).to_array().map(f64::from))
+    }
+}
+
+impl Bsdf {
     /// Scattering function times the cosine at the surface [1/sr], for light that leaves along `outgoing`; `normal`
     /// is on the side from which the surface is seen.
     pub fn value(&self, normal: UnitVec3, outgoing: UnitVec3) -> Rgb {
         match self {
-            Material::Diffuse { reflectance } => *reflectance * (normal.dot(*outgoing).max(0.0) * FRAC_1_PI),
+            Bsdf::Diffuse { reflectance } => *reflectance * (normal.dot(*outgoing).max(0.0) * FRAC_1_PI),
         }
     }
 
-    /// Density [1/sr] with which [`Material::sample`] returns `outgoing`.
+    /// Density [1/sr] with which [`Bsdf::sample`] returns `outgoing`.
     pub fn pdf(&self, normal: UnitVec3, outgoing: UnitVec3) -> f32 {
         match self {
-            Material::Diffuse { .. } => normal.dot(*outgoing).max(0.0) * FRAC_1_PI,
+            Bsdf::Diffuse { .. } => normal.dot(*outgoing).max(0.0) * FRAC_1_PI,
         }
     }
 
     /// A direction of travel away from the surface, from two uniform numbers.
-    pub fn sample(&self, normal: UnitVec3, u: [f32; 2]) -> MaterialSample {
+    pub fn sample(&self, normal: UnitVec3, u: [f32; 2]) -> BsdfSample {
         match self {
-            Material::Diffuse { reflectance } => {
+            Bsdf::Diffuse { reflectance } => {
                 let cosine = (1.0 - u[0]).sqrt();
                 let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
                 let sine = u[0].sqrt();
                 let direction = normal.from_local(Vec3::new(sine * cos_phi, sine * sin_phi, cosine));
-                MaterialSample { direction, pdf: cosine * FRAC_1_PI, weight: *reflectance }
+                BsdfSample { direction, pdf: cosine * FRAC_1_PI, weight: *reflectance }
             }
         }
     }
@@ -58,7 +98,7 @@ impl Material {
     /// The colour for the albedo layer.
     pub fn albedo(&self) -> Rgb {
         match self {
-            Material::Diffuse { reflectance } => *reflectance,
+            Bsdf::Diffuse { reflectance } => *reflectance,
         }
     }
 }
@@ -70,7 +110,7 @@ mod tests {
 
     #[test]
     fn diffuse_samples_have_the_stated_density_and_weight() {
-        let material = Material::Diffuse { reflectance: Vec3::new(0.2, 0.5, 0.8) };
+        let material = Bsdf::Diffuse { reflectance: Vec3::new(0.2, 0.5, 0.8) };
         let normal = UnitVec3::try_new(Vec3::new(0.2, -0.9, 0.4)).expect("not zero");
         let mut rng = CounterRng::new(Seed(2));
         let n = 100_000;

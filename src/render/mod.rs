@@ -14,9 +14,11 @@ pub mod material;
 pub mod medium;
 pub mod phase;
 pub mod sampler;
+pub mod texture;
 pub mod tiles;
 pub mod tracking;
 
+use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
 use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
@@ -27,9 +29,10 @@ use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
 use crate::render::integrator::{PathLimits, World};
 use crate::render::light::{Light, Rectangle, Sphere};
-use crate::render::material::Material;
+use crate::render::material::{Material, MaterialKind};
 use crate::render::medium::Medium;
 use crate::render::phase::Phase;
+use crate::render::texture::{FlowNoise, Ramp, Texture};
 use crate::render::tiles::View;
 use crate::scene::{Scene, settings};
 use glam::Vec3;
@@ -97,17 +100,60 @@ pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<RadiancePicture, Box<dyn 
 /// Largest extinction coefficient that light is traced through [1/m]: far beyond any matter, and far from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
 
-/// Surfaces, materials and lights of a scene: all that stays the same from frame to frame.
+/// Surfaces, materials and lights of a scene, with textures as they are at a time [s]: all but the smoke.
 ///
 /// # Errors
 /// When Embree refuses the surfaces or a picture of the surroundings cannot be used.
-pub fn build_world(scene: &Scene, geometry: &Geometry, load: LoadPicture) -> Result<World, RenderError> {
+pub fn build_world(scene: &Scene, geometry: &Geometry, time: f64, load: LoadPicture) -> Result<World, RenderError> {
     let surfaces = geometry.trace_scene()?;
-    let materials = scene.settings.shapes.values().map(|shape| material(&shape.material)).collect();
+    let materials = build_materials(scene, geometry, time);
     let lights = build_lights(scene, load)?;
     // What the camera looks at is what is lit.
     let center = world_point(scene.settings.camera.look_at);
     Ok(World::new(surfaces, materials, lights, center))
+}
+
+/// The material of each shape, with textures as they are at a time [s]; `geometry` is where shapes are at that time.
+pub fn build_materials(scene: &Scene, geometry: &Geometry, time: f64) -> Vec<Material> {
+    let shapes = scene.settings.shapes.values().zip(&geometry.shapes);
+    shapes
+        .map(|(shape, placed)| {
+            let settings::Material::Diffuse(diffuse) = &shape.material;
+            let reflectance = match &diffuse.reflectance {
+                settings::Reflectance::Constant(color) => Texture::Constant(vec3(*color)),
+                settings::Reflectance::FlowNoise(noise) => flow_noise(noise, time),
+            };
+            let emission = match &diffuse.emission {
+                settings::Emission::Constant(_) if diffuse.emission.is_dark() => None,
+                settings::Emission::Constant(color) => Some(Texture::Constant(vec3(*color))),
+                settings::Emission::FlowNoise(noise) => Some(flow_noise(noise, time)),
+            };
+            Material { kind: MaterialKind::Diffuse { reflectance }, emission, moved: placed.moved }
+        })
+        .collect()
+}
+
+fn flow_noise(noise: &settings::FlowNoise, time: f64) -> Texture {
+    let turbulence = Turbulence::new(&TurbulenceSettings {
+        length_scale: noise.length_scale,
+        octaves: noise.octaves,
+        lacunarity: noise.lacunarity,
+        gain: noise.gain,
+        is_folded: noise.folded,
+        stretch: noise.stretch,
+        spin_rate: noise.spin_rate,
+        evolve_rate: noise.evolve_rate,
+        displacement: noise.displacement.map(|x| x * noise.memory),
+        offset: noise.offset,
+        scroll: noise.scroll,
+        seed: Seed(noise.seed),
+    });
+    Texture::FlowNoise(Box::new(FlowNoise {
+        turbulence: turbulence.at(time),
+        along: noise.along,
+        amplitude: noise.amplitude,
+        ramp: Ramp::new(noise.ramp.iter().map(|stop| (stop.at, vec3(stop.color))), noise.repeat),
+    }))
 }
 
 /// The lights of a scene in its order.
@@ -165,12 +211,6 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
         },
         limits: PathLimits { max_bounces: settings.render.max_bounces, roulette_from: settings.render.roulette_from },
         seed: if settings.render.lock_seed { seed } else { seed.derive(frame as u32 as u64) },
-    }
-}
-
-fn material(material: &settings::Material) -> Material {
-    match material {
-        settings::Material::Diffuse { reflectance } => Material::Diffuse { reflectance: vec3(*reflectance) },
     }
 }
 

@@ -319,6 +319,9 @@ impl<'s> Walk<'s, '_, '_> {
                 let help = Some(format!("write it as a map with one key: `{text}: {{...}}`"));
                 self.wrong(at, path, format!("`{text}` needs settings"), help, schema)
             }
+            Value::Text(_) if variants.units.is_empty() && !variants.others.is_empty() => {
+                self.value(node, variants.others[0], at, path)
+            }
             Value::Text(text) => {
                 let message = format!("unknown name `{}`", short(text));
                 let stand_in = self.wrong(at, path, message, None, schema);
@@ -326,7 +329,7 @@ impl<'s> Walk<'s, '_, '_> {
                 stand_in
             }
             Value::Map(entries) if !variants.maps.is_empty() => self.single_key(entries, &variants, schema, at, path),
-            Value::Integer(_) | Value::Float(_) if !variants.others.is_empty() => {
+            Value::Integer(_) | Value::Float(_) | Value::List(_) if !variants.others.is_empty() => {
                 self.value(node, variants.others[0], at, path)
             }
             _ => self.wrong_type(node, schema, at, path, None),
@@ -336,8 +339,8 @@ impl<'s> Walk<'s, '_, '_> {
     /// Help for an unknown name, on the latest problem.
     fn help_names(&mut self, typed: &str, names: &[&str], schema: &'s Json) {
         let mut allowed = listed(names.iter().copied());
-        if !variants(schema).others.is_empty() {
-            allowed += ", or a number";
+        for other in variants(schema).others {
+            allowed += &format!(", or {}", expected(self.root, other));
         }
         if let Some(name) = nearest(typed, names.iter().copied()) {
             self.collector.help_latest(format!("did you mean `{name}`?"));

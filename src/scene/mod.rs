@@ -14,6 +14,7 @@ pub mod tree;
 pub mod unit;
 pub mod validate;
 mod validate_flow;
+mod validate_material;
 mod validate_smoke;
 
 use crate::scene::conform::conform;

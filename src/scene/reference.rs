@@ -8,6 +8,7 @@ use serde_json::{Map, Value as Json};
 const SETTINGS_SOURCE: &str = concat!(
     include_str!("settings.rs"),
     include_str!("settings/shapes.rs"),
+    include_str!("settings/materials.rs"),
     include_str!("settings/flow.rs"),
     include_str!("settings/smoke.rs"),
     include_str!("settings/lights.rs"),

@@ -5,12 +5,14 @@
 
 pub mod flow;
 pub mod lights;
+pub mod materials;
 pub mod output;
 pub mod shapes;
 pub mod smoke;
 
 pub use flow::*;
 pub use lights::*;
+pub use materials::*;
 pub use output::*;
 pub use shapes::*;
 pub use smoke::*;

@@ -4,7 +4,9 @@
 use crate::scene::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::scene::pattern::{Pattern, spell};
 use crate::scene::schema::decimal;
-use crate::scene::settings::{Camera, Environment, Frames, Light, Mask, Output, Potential, Settings, Shape, Vec3};
+use crate::scene::settings::{
+    Camera, Environment, Frames, Light, Mask, Material, Output, Potential, Settings, Shape, Vec3,
+};
 use crate::scene::tree::Node;
 use crate::scene::{nearest_file, resolve};
 use std::collections::BTreeSet;
@@ -217,6 +219,7 @@ impl<'s> Check<'s, '_, '_> {
         if let Some(mesh) = &shape.mesh {
             self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
         }
+        self.material(&format!("{key}.material"), &shape.material);
         self.direction(&format!("{key}.transform.rotate_deg.axis"), shape.transform.rotate_deg.axis);
         if let Some(motion) = &shape.motion {
             self.motion(&format!("{key}.motion"), motion, shape.plane.is_some());
@@ -308,11 +311,15 @@ impl<'s> Check<'s, '_, '_> {
     fn lights(&mut self) {
         let lights = &self.settings.lights;
         let has_unknown_section = self.mended.iter().any(|path| !path.contains(['.', '[']));
-        if lights.is_empty() && !has_unknown_section {
+        let glows = self.settings.shapes.values().any(|shape| {
+            let Material::Diffuse(diffuse) = &shape.material;
+            shape.visible && !diffuse.emission.is_dark()
+        });
+        if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";
             self.error_help("lights", "lights", "without a light the picture is black", help);
         }
-        let mut is_dark = !lights.is_empty();
+        let mut is_dark = !lights.is_empty() && !glows;
         for (index, light) in lights.iter().enumerate() {
             let key = format!("lights[{index}]");
             let power = match light {

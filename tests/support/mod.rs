@@ -27,7 +27,7 @@ pub fn stage(yaml: &str) -> Stage {
     let scene = Scene::from_text(&format!("version: 1\n{yaml}"), Path::new("test.yaml"))
         .unwrap_or_else(|e| panic!("the test's scene is wrong: {e}"));
     let geometry = Geometry::build(&scene, &Silent).expect("shapes of the test can be built");
-    let world = render::build_world(&scene, &geometry, &|_| Err("tests bring no pictures".into()))
+    let world = render::build_world(&scene, &geometry, 0.0, &|_| Err("tests bring no pictures".into()))
         .expect("lights of the test can be built");
     Stage { scene, world }
 }

@@ -1,6 +1,6 @@
-//! Solid things: shapes, their meshes, places, motions and materials.
+//! Solid things: shapes, their meshes, places and motions.
 
-use crate::scene::settings::{Rgb, Vec3, up, yes};
+use crate::scene::settings::{Material, Vec3, up, yes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -203,22 +203,4 @@ pub enum Interpolation {
     /// Faster in the middle, at rest at each key.
     #[default]
     Smooth,
-}
-
-/// What a surface does to light.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub enum Material {
-    /// Reflects alike in all directions.
-    Diffuse {
-        /// Share of light reflected, 0 to 1.
-        #[schemars(inner(range(min = 0.0, max = 1.0)))]
-        reflectance: Rgb,
-    },
-}
-
-impl Default for Material {
-    fn default() -> Self {
-        Self::Diffuse { reflectance: [0.5; 3] }
-    }
 }

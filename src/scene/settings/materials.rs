@@ -1,0 +1,171 @@
+//! Materials and the textures on them.
+
+use crate::scene::settings::{Rgb, Vec3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What a surface does to light. Both sides behave alike.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Material {
+    /// Reflects alike in all directions, and may glow.
+    Diffuse(Diffuse),
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self::Diffuse(Diffuse { reflectance: Reflectance::Constant([0.5; 3]), emission: Emission::default() })
+    }
+}
+
+/// A matt surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Diffuse {
+    /// Share of light reflected, 0 to 1: a colour, or a texture.
+    pub reflectance: Reflectance,
+    /// Light that the surface gives off [W/(m² sr)]: a colour, or a texture. Paths meet it by chance, so what is small and
+    /// bright is better a light. Default none.
+    #[serde(default)]
+    pub emission: Emission,
+}
+
+/// Share of light reflected.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Reflectance {
+    /// Colours that swirl and flow.
+    FlowNoise(Box<FlowNoise>),
+    /// One colour.
+    #[serde(untagged)]
+    Constant(#[schemars(inner(range(min = 0.0, max = 1.0)))] Rgb),
+}
+
+/// Light given off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Emission {
+    /// Colours that swirl and flow.
+    FlowNoise(Box<FlowNoise>),
+    /// One colour.
+    #[serde(untagged)]
+    Constant(#[schemars(inner(range(min = 0.0)))] Rgb),
+}
+
+impl Default for Emission {
+    fn default() -> Self {
+        Self::Constant([0.0; 3])
+    }
+}
+
+impl Emission {
+    /// Whether there is any.
+    pub fn is_dark(&self) -> bool {
+        match self {
+            Self::Constant(color) => *color == [0.0; 3],
+            Self::FlowNoise(noise) => noise.ramp.iter().all(|stop| stop.color == [0.0; 3]),
+        }
+    }
+}
+
+/// A texture of flow noise (Perlin and Neyret 2001): octaves of noise, whose gradients may turn and the larger of which may
+/// carry the smaller along, added up and looked up in a ramp of colours. It fills space and is seen where surfaces are; on
+/// a shape that moves it moves along.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FlowNoise {
+    /// Size of the largest features [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub length_scale: f64,
+    /// Number of sizes. Default 4.
+    #[serde(default = "octaves")]
+    #[schemars(range(min = 1, max = 16))]
+    pub octaves: u32,
+    /// Factor on the strength from one octave to the next. Default 0.5.
+    #[serde(default = "gain")]
+    #[schemars(range(min = 0.0, max = 4.0))]
+    pub gain: f64,
+    /// Ratio of the sizes of neighbouring octaves. Default 2.
+    #[serde(default = "lacunarity")]
+    #[schemars(range(min = 1.01, max = 16.0))]
+    pub lacunarity: f64,
+    /// Add up the absolute values of octaves, which makes creases where they change sign: crusts, cracks, billows.
+    /// Default false.
+    #[serde(default)]
+    pub folded: bool,
+    /// How many times longer features are along each axis. Default [1, 1, 1].
+    #[serde(default = "ones")]
+    #[schemars(inner(range(min = 0.001, max = 1000.0)))]
+    pub stretch: Vec3,
+    /// Turns per second of the gradients of the largest features; smaller ones turn faster in proportion to their
+    /// frequency. Default 0: frozen.
+    #[serde(default)]
+    #[schemars(range(min = -1000.0, max = 1000.0))]
+    pub spin_rate: f64,
+    /// How often in a second the largest features are replaced by others; smaller ones in proportion to their frequency.
+    /// Not together with `spin_rate`. Default 0: frozen.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub evolve_rate: f64,
+    /// Velocity of the whole pattern [m/s]. Default 0.
+    #[serde(default)]
+    pub scroll: Vec3,
+    /// How far the pattern is moved [m]. Default 0.
+    #[serde(default)]
+    pub offset: Vec3,
+    /// How far features are displaced where the sum of all larger ones is 1 [m] (pseudo-advection), times `memory`.
+    /// Default [0, 0, 0].
+    #[serde(default)]
+    pub displacement: Vec3,
+    /// How long features last while larger ones carry them: 1 are drawn out, 0 are always made anew and never stretched.
+    /// Default 1.
+    #[serde(default = "one")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub memory: f64,
+    /// How much of the ramp goes by in a metre along each axis, whatever the noise [1/m]. Default [0, 0, 0].
+    #[serde(default)]
+    pub along: Vec3,
+    /// How far the noise moves the place in the ramp. The noise itself has a root mean square of a third and hardly leaves
+    /// −1 to 1; folded it goes from 0 to about 1. Default 1.
+    #[serde(default = "one")]
+    pub amplitude: f64,
+    /// Begin the ramp again beyond its ends, instead of going on with its last colours. Default false.
+    #[serde(default)]
+    pub repeat: bool,
+    /// Colours at places that rise: at least two.
+    pub ramp: Vec<Stop>,
+    /// Which of the many patterns. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+/// A colour of a ramp.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Stop {
+    /// Where in the ramp.
+    pub at: f64,
+    /// The colour there; between stops they blend.
+    #[schemars(inner(range(min = 0.0)))]
+    pub color: Rgb,
+}
+
+fn octaves() -> u32 {
+    4
+}
+
+fn gain() -> f64 {
+    0.5
+}
+
+fn lacunarity() -> f64 {
+    2.0
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn ones() -> Vec3 {
+    [1.0; 3]
+}
