@@ -1,11 +1,12 @@
 //! Noise, velocity with its curl, and steps of particles: throughput of one thread, and of all.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
+use curlsmoke::flow::field::{FieldSpan, VelocityField};
 use curlsmoke::flow::flow_noise::Spin;
 use curlsmoke::flow::noise::{gradient_noise, seed_words};
 use curlsmoke::flow::obstacles::build_obstacles;
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use curlsmoke::flow::source::{Potential, Source};
 use curlsmoke::geometry::primitive::{Primitive, Sphere};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::hash::{CounterRng, Seed};

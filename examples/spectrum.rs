@@ -4,8 +4,9 @@
 //! The velocity in a box, under a window without steps at its faces, is taken apart into waves; the energy of all waves
 //! of about the same length is one point of the spectrum.
 
-use curlsmoke::flow::field::{Potential, Source, VelocityField};
+use curlsmoke::flow::field::VelocityField;
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use curlsmoke::flow::source::{Potential, Source};
 use curlsmoke::inspect::canvas::Canvas;
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::particles::advect::evaluate;

@@ -2,6 +2,7 @@
 
 mod support;
 
+use curlsmoke::geometry::Geometry;
 use curlsmoke::geometry::embree::Ray;
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::math::hash::{CounterRng, Seed};
@@ -90,6 +91,61 @@ lights: [{{sphere: {{center: [0, 0, 0], radius: 20, radiance: [1, 1, 1]}}}}]
         assert!(found.z(1.0) < 3.0);
         assert!(found.standard_error < 1e-3);
     }
+}
+
+#[test]
+fn a_glowing_room_is_as_bright_as_its_echo() {
+    // Walls that give off E and reflect a share r of what they receive: L = E + r L. White smoke changes nothing. The
+    // brightness of the walls differs from place to place, but not E/(1 − r).
+    let walls = |what: &str, scale: f64| {
+        let ramp = [(-0.5, 0.9), (0.5, 0.4)].map(|(at, reflectance): (f64, f64)| {
+            let color = if what == "reflectance" { reflectance } else { scale * (1.0 - reflectance) };
+            format!("{{at: {at}, color: [{color}, {color}, {color}]}}")
+        });
+        format!("{what}: {{flow_noise: {{length_scale: 1, ramp: [{}]}}}}", ramp.join(", "))
+    };
+    let stage = stage(&format!(
+        "{SMOKE}
+render: {{max_bounces: 100000}}
+shapes:
+  room: {{sphere: {{center: [0, 0, 0], radius: 2}}, material: {{diffuse: {{{}, {}}}}}}}
+  ball: {{sphere: {{center: [0.5, 0, 0], radius: 0.2}}, material: {{diffuse: {{reflectance: [1, 1, 1]}}}}}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 3, albedo: [1, 1, 1]}}}}
+",
+        walls("reflectance", 1.0),
+        walls("emission", 3.0)
+    ));
+    let medium = medium(&stage, centered_grid([8, 8, 8], 0.1, lumps));
+    let beam = ray([-0.9, 0.3, 0.2], [0.7, -0.2, -0.1]);
+    let found = estimate(&stage, Some(&medium), 400_000, 4, |_| beam);
+    println!("glowing room: {} ± {}, expected 3", found.mean, found.standard_error);
+    assert!(found.z(3.0) < 3.0 && found.standard_error < 1e-2);
+}
+
+#[test]
+fn a_texture_moves_with_its_shape_and_in_time() {
+    let Stage { scene, .. } = stage(&format!(
+        "{SMOKE}
+shapes:
+  ball:
+    sphere: {{center: [1, 0, 0], radius: 0.5}}
+    motion: {{keys: [{{time: 0}}, {{time: 1, translate: [0, 2, 0], rotate_deg: {{axis: [0, 0, 1], angle: 90}}}}], interpolation: linear}}
+    material: {{diffuse: {{reflectance: [0, 0, 0], emission: {{flow_noise: {{length_scale: 0.2, along: [3, 0, 0], ramp: [{{at: 0, color: [0, 0, 0]}}, {{at: 9, color: [1, 0, 0]}}]}}}}}}}}
+  still:
+    sphere: {{center: [-1, 0, 0], radius: 0.5}}
+    material: {{diffuse: {{reflectance: [0, 0, 0], emission: {{flow_noise: {{length_scale: 0.2, scroll: [0, 0.3, 0], along: [3, 0, 0], ramp: [{{at: -9, color: [0, 0, 0]}}, {{at: 9, color: [1, 0, 0]}}]}}}}}}}}
+"
+    ));
+    let geometry = Geometry::build(&scene, &Silent).unwrap();
+    let at = |time: f64| render::build_materials(&scene, &geometry.at(time), time);
+    let emitted = |time: f64, shape: usize, p: [f32; 3]| at(time)[shape].emitted(WorldPoint(Vec3::from(p))).x;
+    // A quarter turn about the ball's middle brings what is to its right to its top.
+    let (rest, moved) = (emitted(0.0, 0, [1.5, 0.0, 0.1]), emitted(1.0, 0, [1.0, 2.5, 0.1]));
+    assert!((rest - moved).abs() < 1e-5 && rest > 0.0, "{rest} {moved}");
+    assert_ne!(rest, emitted(0.0, 0, [1.0, 0.5, 0.1]));
+    let (rest, moved) = (emitted(0.0, 1, [-0.5, 0.0, 0.1]), emitted(0.5, 1, [-0.5, 0.15, 0.1]));
+    assert!((rest - moved).abs() < 1e-5, "{rest} {moved}");
+    assert_ne!(rest, emitted(0.5, 1, [-0.5, 0.0, 0.1]));
 }
 
 #[test]

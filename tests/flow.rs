@@ -3,9 +3,10 @@
 #[path = "support/dual.rs"]
 mod dual;
 
-use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
+use curlsmoke::flow::field::{FieldSpan, VelocityField};
 use curlsmoke::flow::obstacles::build_obstacles;
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use curlsmoke::flow::source::{Potential, Source};
 use curlsmoke::geometry::mesh::Mesh;
 use curlsmoke::geometry::mesh_sdf::MeshSdf;
 use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};

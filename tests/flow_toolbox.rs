@@ -5,11 +5,12 @@ mod dual;
 
 use curlsmoke::flow::curl::central_jacobian;
 use curlsmoke::flow::elements::{Column, Shear};
-use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
-use curlsmoke::flow::mask::{Block, Mask, Wake};
+use curlsmoke::flow::field::{FieldSpan, VelocityField};
+use curlsmoke::flow::mask::{Block, Mask, PlacedMask, Wake};
 use curlsmoke::flow::noise::RMS_SPEED;
 use curlsmoke::flow::obstacles::{Boundary, Wall, build_obstacles};
 use curlsmoke::flow::octaves::{Form, OctavesSettings, octaves};
+use curlsmoke::flow::source::{Potential, Source};
 use curlsmoke::flow::vortex::{Vortex, smooth_curve};
 use curlsmoke::geometry::motion::{Motion, Pose};
 use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
@@ -105,7 +106,11 @@ fn sources(is_masked: bool) -> Vec<Source> {
     // One of them alone or two at once.
     let both = |i: usize| [i, i / 2 + 3].map(|k| masks[k % masks.len()].clone()).to_vec();
     let masks_of = |i: usize| if is_masked { both(i)[..1 + i % 2].to_vec() } else { Vec::new() };
-    potentials.into_iter().enumerate().map(|(i, p)| Source { masks: masks_of(i), ..p.into() }).collect()
+    potentials
+        .into_iter()
+        .enumerate()
+        .map(|(i, p)| Source { masks: masks_of(i).into_iter().map(Into::into).collect(), ..p.into() })
+        .collect()
 }
 
 /// Scenes of walls.
@@ -258,6 +263,114 @@ fn at_walls_the_flow_moves_as_they_do() {
             assert!(sliding.is_none_or(|fastest| fastest > 1e-2 * rms), "{name}: slips by {sliding:?} only");
         }
     }
+}
+
+#[test]
+fn in_two_dimensions_the_flow_stays_in_its_planes_and_keeps_its_promises() {
+    let v = DVec3::new;
+    let ground = still(Primitive::HalfSpace(HalfSpace { point: v(0.0, -0.9, 0.0), normal: DVec3::Y }), Boundary::Slip);
+    let post = Primitive::Capsule(Capsule { start: v(0.3, 0.2, -5.0), end: v(0.3, 0.2, 5.0), radius: 0.25 });
+    let turned = Pose { displacement: v(0.5, -0.3, 0.0), rotation: DQuat::from_axis_angle(DVec3::Z, 1.5) };
+    let bar = Wall {
+        motion: Some(Arc::new(Motion::new(vec![(0.0, Pose::REST), (1.0, turned)], true))),
+        ..still(cuboid(v(-0.5, 0.1, 0.0), v(0.3, 0.12, 4.0), 0.05), Boundary::Slip)
+    };
+    let rooms = [
+        ("a ball and the ground", vec![ground.clone(), still(sphere(0.2, 0.0, 0.1, 0.4), Boundary::Slip)]),
+        ("a post and a bar that moves", vec![still(post, Boundary::Slip), bar.clone()]),
+        ("no slip", vec![still(post, Boundary::NoSlip), Wall { boundary: Boundary::NoSlip, ..bar }]),
+    ];
+    let of_two_dimensions = |is_masked| {
+        let all = sources(is_masked).into_iter();
+        let flat = all.filter(|source| match &source.potential {
+            Potential::Column(_) => false,
+            Potential::Octave(octave) => octave.form() != Form::Bitangent,
+            _ => true,
+        });
+        flat.collect::<Vec<_>>()
+    };
+    for (name, walls) in rooms {
+        for is_masked in [false, true] {
+            let field = VelocityField::new(of_two_dimensions(is_masked), build_obstacles(walls.clone()));
+            let field = field.planar(DVec3::Z);
+            let span = field.span(0.4, 0.1);
+            let points = free_points(&span, 1, 400);
+            let (mut worst, mut gradients, mut speeds) = (0.0f64, 0.0, 0.0);
+            for p in &points {
+                let (trace, size) = divergence(span.velocity(Dual::point(*p), Dual::constant(0.3)));
+                let velocity = span.velocity(*p, 0.3);
+                assert!(velocity[2].abs() < 1e-14, "{name}: {velocity:?} leaves its plane");
+                worst = worst.max(trace.abs());
+                gradients += size / 400.0;
+                speeds += length(velocity).powi(2) / 400.0;
+            }
+            let (mut across, mut held) = (0.0f64, 0.0f64);
+            for (p, n, boundary) in on_walls(&field, &span, 300) {
+                let (v, wall) = (span.velocity(p, 0.3), span.wall_velocity(p, 0.3));
+                let relative: [f64; 3] = std::array::from_fn(|i| v[i] - wall[i]);
+                across = across.max(dot(relative, n).abs());
+                held = held.max(if boundary == Boundary::NoSlip { length(relative) } else { 0.0 });
+            }
+            let (of_gradients, rms) = (worst / gradients.sqrt(), speeds.sqrt());
+            println!(
+                "{name}, masks {is_masked}: |∇·v| at most {of_gradients:.1e} of RMS |∇v|, (v − wall)·n {:.1e} of RMS",
+                across / rms
+            );
+            assert!(of_gradients < 1e-10 && across < 1e-5 * rms && held < 1e-5 * rms, "{name}: {across} {held}");
+        }
+    }
+}
+
+#[test]
+fn wind_and_whirls_have_the_same_velocity_in_two_dimensions() {
+    let v = DVec3::new;
+    let sources: Vec<Source> = vec![
+        Potential::Uniform { velocity: v(0.3, -0.7, 0.9), origin: v(0.1, 0.2, 0.3) }.into(),
+        Potential::Rigid { velocity: v(0.1, 0.2, 0.0), angular_velocity: v(0.0, 0.0, 0.8), center: v(0.5, 0.0, 0.0) }
+            .into(),
+        Potential::Shear(Shear::new(v(1.0, 0.5, 0.0), v(-0.5, 1.0, 0.0), 0.4, v(0.0, 0.2, 0.0))).into(),
+        Potential::Vortex(Vortex::about_point(v(0.2, 0.1, 0.0), v(0.0, 0.0, 2.0), 3.0, DVec3::ZERO)).into(),
+    ];
+    let solid = VelocityField::new(sources, Vec::new());
+    let flat = solid.clone().planar(DVec3::Z);
+    let mut rng = CounterRng::new(Seed(8));
+    for _ in 0..100 {
+        let p = random_point(&mut rng);
+        // In the plane of the middles whirls are the same; of the wind what points out of the plane is gone.
+        let (a, b) = (solid.velocity([p[0], p[1], 0.0], 0.0), flat.velocity(p, 0.0));
+        assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12 && b[2] == 0.0, "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn masks_move_with_their_shapes() {
+    let turned = Pose {
+        displacement: DVec3::new(0.4, -0.2, 0.3),
+        rotation: DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 2.0),
+    };
+    let motion = Arc::new(Motion::new(vec![(0.0, Pose::REST), (1.0, turned)], false));
+    let middle = DVec3::new(0.1, 0.2, 0.0);
+    let sdf = placed(cuboid(middle, DVec3::new(0.5, 0.1, 0.2), 0.05));
+    let shape = Mask::Shape { sdf, from: 0.6, to: 0.0 };
+    let wake = Mask::Wake(Wake { center: middle, radius: 0.3, direction: DVec3::X, length: 2.0, spread: 0.2 });
+    let moving = |mask: &Mask| PlacedMask { mask: mask.clone(), motion: Some((motion.clone(), middle)) };
+    let (mut rng, mut seen) = (CounterRng::new(Seed(8)), 0);
+    for _ in 0..2000 {
+        let p = DVec3::from_array(random_point(&mut rng));
+        let (carried, trailing) = (moving(&shape), moving(&wake));
+        let (carried, trailing) = (carried.span(0.5, 0.5), trailing.span(0.5, 0.5));
+        // At the end of the span it is where its last pose brings it.
+        let q = turned.rotation * (p - middle) + middle + turned.displacement;
+        let (found, rest) = (carried.at(q.to_array(), 1.0), shape.at(p.to_array()));
+        assert!((found.value - rest.value).abs() < 1e-9);
+        let gradient = turned.rotation * DVec3::from_array(rest.gradient);
+        assert!((DVec3::from_array(found.gradient) - gradient).length() < 1e-8);
+        // A tail goes along and does not turn.
+        let (found, rest) = (trailing.at((p + turned.displacement).to_array(), 1.0), wake.at(p.to_array()));
+        assert!((found.value - rest.value).abs() < 1e-9 && (found.gradient[1] - rest.gradient[1]).abs() < 1e-8);
+        seen += usize::from(rest.value > 0.1);
+    }
+    assert!(seen > 20);
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! What walls do to the flow around them: nothing far away, no jets, no jumps, and the same for every way to say it.
 
 use curlsmoke::flow::elements::Shear;
-use curlsmoke::flow::field::{FieldSpan, Potential, Source, VelocityField};
+use curlsmoke::flow::field::{FieldSpan, VelocityField};
 use curlsmoke::flow::mask::Mask;
 use curlsmoke::flow::obstacles::{Boundary, Wall, build_obstacles};
 use curlsmoke::flow::octaves::{OctavesSettings, octaves};
+use curlsmoke::flow::source::{Potential, Source};
 use curlsmoke::geometry::motion::{Motion, Pose};
 use curlsmoke::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
@@ -115,7 +116,7 @@ fn winds_do_not_jet_along_slender_bodies() {
 fn what_is_not_a_wind_does_not_jet_along_slender_bodies_either() {
     let extent = DVec3::new(0.4, 3.3, 0.4);
     let everywhere = Mask::Height { axis: DVec3::Y, from: -90.0, to: -80.0 };
-    let masked = Source { masks: vec![everywhere], ..Source::wind([1.0, 0.0, 0.0]) };
+    let masked = Source { masks: vec![everywhere.into()], ..Source::wind([1.0, 0.0, 0.0]) };
     // Up to 6.6 m/s within the extent.
     let shear: Source = Potential::Shear(Shear::new(DVec3::X, DVec3::Y, 2.0, DVec3::ZERO)).into();
     for (name, source, free) in [("wind with a mask", masked, 1.0), ("shear", shear, 6.6)] {
@@ -199,7 +200,7 @@ fn the_velocity_has_no_jumps_anywhere() {
 fn along_a_ground_that_lets_it_slide_the_flow_is_as_without_the_ground() {
     let velocity = DVec3::new(1.0, 0.0, 0.5);
     let everywhere = Mask::Height { axis: DVec3::Y, from: -9.0, to: -8.0 };
-    let masked = Source { masks: vec![everywhere], ..Source::wind(velocity.to_array()) };
+    let masked = Source { masks: vec![everywhere.into()], ..Source::wind(velocity.to_array()) };
     let sources = [
         ("wind", Source::wind(velocity.to_array())),
         ("wind with a mask of 1", masked),
@@ -221,7 +222,7 @@ fn along_a_ground_that_lets_it_slide_the_flow_is_as_without_the_ground() {
 #[test]
 fn far_from_what_stands_on_the_ground_all_that_slides_does() {
     let everywhere = Mask::Height { axis: DVec3::Y, from: -9.0, to: -8.0 };
-    let masked = Source { masks: vec![everywhere], ..Source::wind([1.0, 0.0, 0.5]) };
+    let masked = Source { masks: vec![everywhere.into()], ..Source::wind([1.0, 0.0, 0.5]) };
     let shear = Potential::Shear(Shear::new(DVec3::X, DVec3::Y, 1.0, DVec3::Y * -2.0)).into();
     for source in [masked, shear] {
         let free = field(vec![source.clone()], vec![]);

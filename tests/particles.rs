@@ -1,8 +1,9 @@
 //! Properties of particles: frames that stand alone, and obstacles that nothing enters.
 
-use curlsmoke::flow::field::{Potential, Source, VelocityField};
+use curlsmoke::flow::field::VelocityField;
 use curlsmoke::flow::obstacles::{Wall, build_obstacles};
 use curlsmoke::flow::octaves::{OctavesSettings, kolmogorov_gain, octaves};
+use curlsmoke::flow::source::{Potential, Source};
 use curlsmoke::geometry::mesh_file::read_mesh;
 use curlsmoke::geometry::mesh_sdf::MeshSdf;
 use curlsmoke::geometry::motion::{Motion, Pose};

@@ -3,6 +3,7 @@
 //! with ridges.
 
 use crate::flow::octaves::{Octave, OctaveSpan};
+use crate::geometry::motion::{Motion, RigidSpan};
 use crate::geometry::primitive::Primitive;
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::spline::Spline;
@@ -170,6 +171,52 @@ fn smooth_field<L: Real>(x: Scalar<L>, from: f64, to: f64) -> Scalar<L> {
     let (value, slope) = quintic_step(t);
     let slope = slope * inverse;
     Scalar { value, gradient: triple!(i => slope * x.gradient[i]) }
+}
+
+/// A mask, and the motion of the shape that it belongs to.
+#[derive(Debug, Clone)]
+pub struct PlacedMask {
+    /// The mask, where the shape rests.
+    pub mask: Mask,
+    /// The shape's motion and the middle that it turns about [m]; `None` for what is at rest.
+    pub motion: Option<(Arc<Motion>, DVec3)>,
+}
+
+impl From<Mask> for PlacedMask {
+    fn from(mask: Mask) -> Self {
+        Self { mask, motion: None }
+    }
+}
+
+impl PlacedMask {
+    /// The mask from `start` [s], lasting `duration` [s].
+    pub fn span(&self, start: f64, duration: f64) -> MaskSpan<'_> {
+        let motion = self.motion.as_ref().map(|(motion, middle)| motion.span(*middle, start, duration));
+        MaskSpan { mask: &self.mask, motion }
+    }
+}
+
+/// A [`PlacedMask`] over a span of time.
+#[derive(Debug, Clone)]
+pub struct MaskSpan<'a> {
+    mask: &'a Mask,
+    motion: Option<RigidSpan>,
+}
+
+impl MaskSpan<'_> {
+    /// Value and gradient at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
+    #[inline(always)]
+    pub fn at<L: Lane>(&self, p: [L; 3], phase: L) -> Scalar<L> {
+        let Some(motion) = &self.motion else { return self.mask.at(p) };
+        if let Mask::Wake(wake) = self.mask {
+            // The wind decides where a tail points, however the body turns.
+            let center = motion.center(phase);
+            return self.mask.at(triple!(i => p[i] - (center[i] - phase.lit(wake.center[i]))));
+        }
+        let (rest, rotation) = motion.to_rest(p, phase);
+        let found = self.mask.at(rest);
+        Scalar { value: found.value, gradient: triple!(i => dot(rotation[i], found.gradient)) }
+    }
 }
 
 impl Mask {

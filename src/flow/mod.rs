@@ -11,16 +11,18 @@ pub mod obstacles;
 pub mod octaves;
 pub mod potential;
 pub mod ramp;
+pub mod settle;
+pub mod source;
 pub mod turbulence;
 pub mod vortex;
 pub mod walls;
 
 use crate::flow::elements::{Column, Shear};
-use crate::flow::field::{Potential, Source};
-use crate::flow::mask::{Block, Mask, Wake};
+use crate::flow::mask::{Block, Mask, PlacedMask, Wake};
 use crate::flow::noise::RMS_SPEED;
 use crate::flow::obstacles::{Boundary, Wall, build_obstacles};
 use crate::flow::octaves::{Form, OctavesSettings, kolmogorov_gain, octaves};
+use crate::flow::source::{Potential, Source};
 use crate::flow::vortex::{Vortex, smooth_curve};
 use crate::geometry::primitive::{Cuboid, Primitive, Sphere};
 use crate::geometry::sdf::PlacedSdf;
@@ -139,7 +141,11 @@ impl VelocityField {
             sources.extend(builder.sources(potential, &key, own)?);
         }
         builder.check_containers()?;
-        Ok(Self::new(sources, build_obstacles(builder.walls())))
+        let field = Self::new(sources, build_obstacles(builder.walls()));
+        Ok(match scene.settings.flow.planar {
+            Some(normal) => field.planar(DVec3::from_array(normal).normalize()),
+            None => field,
+        })
     }
 }
 
@@ -207,7 +213,12 @@ impl Builder<'_> {
                 (vec![Potential::Column(column)], p.influence_radius, &p.modulate)
             }
             settings::Potential::Noise(n) => {
-                let all = octaves(&octaves_settings(n, seed)).into_iter().map(Potential::Octave).collect();
+                // In a flow in two dimensions all noise is.
+                let planar = n.planar.or(self.scene.settings.flow.planar);
+                let all = octaves(&octaves_settings(&settings::Noise { planar, ..n.clone() }, seed))
+                    .into_iter()
+                    .map(Potential::Octave)
+                    .collect();
                 (all, None, &n.modulate)
             }
             settings::Potential::Vortex(w) => {
@@ -221,9 +232,22 @@ impl Builder<'_> {
             settings::Potential::VortexCurve(c) => (vec![Potential::Vortex(curve(c))], None, &c.modulate),
         };
         let masks = modulate.iter().enumerate();
-        let masks = masks.map(|(j, mask)| self.mask(mask, &format!("{key}.modulate[{j}]")));
+        let masks = masks.map(|(j, mask)| self.placed_mask(mask, &format!("{key}.modulate[{j}]")));
         let masks = masks.collect::<Result<Vec<_>, _>>()?;
-        Ok(potentials.into_iter().map(|potential| Source { potential, masks: masks.clone(), influence }).collect())
+        Ok(potentials
+            .into_iter()
+            .map(|potential| Source { potential, masks: masks.clone(), influence, planar: None })
+            .collect())
+    }
+
+    fn placed_mask(&self, mask: &settings::Mask, key: &str) -> Result<PlacedMask, FlowError> {
+        let shape = match mask {
+            settings::Mask::Shape(m) => self.shape(&m.name),
+            settings::Mask::Wake(m) => self.shape(&m.shape),
+            _ => None,
+        };
+        let motion = shape.and_then(|shape| Some((shape.motion.clone()?, shape.sdf.as_ref()?.center().0.as_dvec3())));
+        Ok(PlacedMask { mask: self.mask(mask, key)?, motion })
     }
 
     fn mask(&self, mask: &settings::Mask, key: &str) -> Result<Mask, FlowError> {

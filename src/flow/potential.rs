@@ -2,7 +2,7 @@
 //! is combined here stays free of divergence.
 
 use crate::math::jet::Scalar;
-use crate::math::real::{Real, cross, triple};
+use crate::math::real::{Real, cross, dot, triple};
 
 /// A vector potential at a point: its value [m²/s] and `jacobian[c][i]`, the derivative of component c along axis i
 /// [m/s].
@@ -46,6 +46,18 @@ impl<L: Real> Psi<L> {
         Self {
             value: triple!(c => factor * self.value[c]),
             jacobian: triple!(c => triple!(i => factor * self.jacobian[c][i])),
+        }
+    }
+
+    /// Its part along a direction `n` of length 1, where neither changes along `n`: a stream function.
+    #[inline(always)]
+    pub fn along(&self, n: [L; 3]) -> Self {
+        let value = dot(self.value, n);
+        let gradient: [L; 3] = triple!(i => dot([self.jacobian[0][i], self.jacobian[1][i], self.jacobian[2][i]], n));
+        let across = dot(gradient, n);
+        Self {
+            value: triple!(c => value * n[c]),
+            jacobian: triple!(c => triple!(i => (gradient[i] - across * n[i]) * n[c])),
         }
     }
 

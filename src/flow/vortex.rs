@@ -29,8 +29,8 @@ pub struct Vortex {
 
 /// A [`Vortex`] over a span of time.
 #[derive(Debug, Clone)]
-pub struct VortexSpan {
-    vortex: Vortex,
+pub struct VortexSpan<'a> {
+    vortex: &'a Vortex,
     /// How far it has travelled at the start, and travels over the span [m].
     start: DVec3,
     displacement: DVec3,
@@ -86,8 +86,8 @@ impl Vortex {
     }
 
     /// The vortex from `start` [s], lasting `duration` [s].
-    pub fn span(&self, start: f64, duration: f64) -> VortexSpan {
-        VortexSpan { vortex: self.clone(), start: self.velocity * start, displacement: self.velocity * duration }
+    pub fn span(&self, start: f64, duration: f64) -> VortexSpan<'_> {
+        VortexSpan { vortex: self, start: self.velocity * start, displacement: self.velocity * duration }
     }
 }
 
@@ -117,7 +117,7 @@ pub fn smooth_curve(points: &[DVec3], is_closed: bool, spacing: f64) -> Vec<DVec
     curve
 }
 
-impl VortexSpan {
+impl VortexSpan<'_> {
     /// The potential at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
     #[inline(never)]
     pub fn psi<L: Lane>(&self, p: [L; 3], phase: L) -> Psi<L> {

@@ -163,9 +163,10 @@ pub fn evaluate(span: &FieldSpan, position: &Coordinates, velocity: &mut Coordin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::field::{Potential, VelocityField};
+    use crate::flow::field::VelocityField;
     use crate::flow::obstacles::build_obstacles;
     use crate::flow::octaves::{OctavesSettings, octaves};
+    use crate::flow::source::Potential;
     use crate::geometry::primitive::{Cuboid, Primitive};
     use crate::geometry::sdf::{PlacedSdf, Sdf};
     use crate::math::hash::{CounterRng, Seed};

@@ -45,7 +45,19 @@ impl Check<'_, '_, '_> {
                 self.error_help(&key, "flow", message, "only walls can hold the flow");
             }
         }
+        if let Some(normal) = flow.planar {
+            self.direction("flow.planar", normal);
+        }
         for (i, potential) in flow.potentials.iter().enumerate() {
+            let is_solid =
+                matches!(potential, Potential::Plume(_) | Potential::VortexRing(_) | Potential::VortexCurve(_));
+            let is_bitangent = matches!(potential, Potential::Noise(Noise { form: NoiseForm::Bitangent, .. }));
+            if flow.planar.is_some() && (is_solid || is_bitangent) {
+                let key = format!("flow.potentials[{i}].{}", potential.name());
+                let what = if is_bitangent { "bitangent noise" } else { potential.name() };
+                let message = format!("there is no {what} in two dimensions");
+                self.error_help(&key, "flow", message, "leave out `flow.planar`, or take another potential");
+            }
             self.potential(&format!("flow.potentials[{i}]"), potential, &shapes);
         }
     }

@@ -14,6 +14,9 @@ pub struct Flow {
     pub obstacles: Vec<String>,
     /// Names of the shapes that no smoke leaves.
     pub containers: Vec<String>,
+    /// A flow in two dimensions, in the planes across this direction, alike in all of them but for the shapes: any length
+    /// but 0. Default all three dimensions.
+    pub planar: Option<Vec3>,
     /// Which of the obstacles and containers hold the flow fast at their walls; along the others it slips. Default none.
     pub no_slip: Vec<String>,
 }
@@ -322,7 +325,7 @@ pub struct VortexCurve {
 pub enum Mask {
     /// By height: 0 below, 1 above.
     Height(HeightMask),
-    /// By the distance from a shape of the scene, where it rests.
+    /// By the distance from a shape of the scene; it moves with the shape.
     Shape(ShapeMask),
     /// By the distance from a ball.
     Sphere(SphereMask),
