@@ -245,11 +245,11 @@ impl SourceSpan<'_> {
 
     /// The potential itself, or in two dimensions its part across the planes.
     #[inline(always)]
-    fn stream_function<L: Lane>(&self, psi: Psi<L>) -> Psi<L> {
-        match self.planar {
-            Some(normal) => psi.along(triple!(i => psi.value[0].lit(normal[i]))),
-            None => psi,
+    fn stream_function<L: Lane>(&self, mut psi: Psi<L>) -> Psi<L> {
+        if let Some(normal) = self.planar {
+            psi = psi.along(triple!(i => psi.value[0].lit(normal[i])));
         }
+        psi
     }
 
     #[inline(always)]
