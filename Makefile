@@ -24,7 +24,7 @@ gallery:
 	cp out/cloud.0001.png docs/gallery/cloud.png
 	for scene in lava waterfall; do \
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 24 --resolution 640x360 --spp 320 --resume || exit 1; \
-		cp out/$$scene.0024.png docs/flow/$$scene.png; \
+		cp out/$$scene.0024.png docs/gallery/$$scene.png; \
 	done
 
 # The pictures of docs/flow.md.

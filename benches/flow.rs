@@ -11,7 +11,6 @@ use curlsmoke::geometry::primitive::{Primitive, Sphere};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::lanes::{Batch, Kernel, run_kernel};
-
 use curlsmoke::math::space::Similarity;
 use curlsmoke::particles::advect::{CLASSICAL, Coordinates, MIDPOINT, advance, advanced, evaluate};
 use glam::DVec3;

@@ -43,8 +43,12 @@ struct State {
     total: u64,
     start: Instant,
     frame_start: Instant,
+    /// As `frame_start`, but for the first frame that is made after what is done once for all.
+    work_start: Instant,
     stage_start: Instant,
     last_line: Instant,
+    pace: Pace,
+    is_set_up: bool,
 }
 
 impl Reporter {
@@ -73,8 +77,11 @@ impl Reporter {
             total: 0,
             start: now,
             frame_start: now,
+            work_start: now,
             stage_start: now,
             last_line: now,
+            pace: Pace::default(),
+            is_set_up: false,
         };
         Self { style, signals, bar, done: AtomicU64::new(0), state: Mutex::new(state) }
     }
@@ -146,6 +153,7 @@ impl Progress for Reporter {
         let state = &mut *state;
         (state.frame, state.index, state.count) = (frame, index, count);
         state.frame_start = Instant::now();
+        state.work_start = state.frame_start;
         self.bar.set_prefix(format!("frame {frame} ({}/{count})", index + 1));
         self.event(json!({"event": "frame", "frame": frame, "index": index, "count": count}));
     }
@@ -153,6 +161,10 @@ impl Progress for Reporter {
     fn begin(&self, stage: Stage, total: u64) {
         self.signals.set_writing(stage == Stage::Write);
         let mut state = self.lock();
+        if stage != Stage::Geometry && !state.is_set_up {
+            state.is_set_up = true;
+            state.work_start = Instant::now();
+        }
         state.stage = Some(stage);
         state.total = total;
         state.stage_start = Instant::now();
@@ -179,6 +191,10 @@ impl Progress for Reporter {
         let state = &mut *state;
         let seconds = state.stage_start.elapsed().as_secs_f64();
         self.event(json!({"event": "stage_end", "frame": state.frame, "stage": stage.name(), "seconds": seconds}));
+        if stage == Stage::Write && state.count > 0 {
+            let seconds = state.work_start.elapsed().as_secs_f64();
+            state.pace.add(seconds);
+        }
         if stage == Stage::Write && self.style == Style::Plain && state.count > 0 {
             let mut text = format!(
                 "frame {} ({} of {}): done in {}",
@@ -249,24 +265,46 @@ fn fraction(state: &State, done: u64) -> f64 {
 fn seconds_left(state: &State, done: u64) -> Option<f64> {
     /// Less of a stage says nothing of the rest.
     const SHARE_MIN: f64 = 0.01;
-    if state.count == 0 {
-        return None;
-    }
-    let (all, frame) = (state.start.elapsed().as_secs_f64(), state.frame_start.elapsed().as_secs_f64());
-    let rest_of_frame = match (state.stage, state.index) {
-        (Some(Stage::Render), _) => {
+    let after = state.count.checked_sub(state.index + 1)?;
+    let of_frame = state.work_start.elapsed().as_secs_f64();
+    let rest = match state.stage {
+        None => return state.pace.left(None, after),
+        Some(Stage::Write) => Some(0.0),
+        Some(Stage::Render) => {
             let share = stage_share(state, done);
-            if share < SHARE_MIN {
-                return None;
-            }
-            state.stage_start.elapsed().as_secs_f64() * (1.0 - share) / share
+            (share >= SHARE_MIN).then(|| state.stage_start.elapsed().as_secs_f64() * (1.0 - share) / share)
         }
-        (None | Some(Stage::Write), _) => 0.0,
-        (Some(_), 0) => return None,
-        (Some(_), done) => ((all - frame) / done as f64 - frame).max(0.0),
+        Some(_) => None,
     };
-    let mean = (all + rest_of_frame) / (state.index + 1) as f64;
-    Some(rest_of_frame + mean * (state.count - state.index - 1) as f64)
+    state.pace.left(Some((of_frame, rest)), after)
+}
+
+/// How long frames take that are made in this run, without what is done once before them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pace {
+    made: usize,
+    seconds: f64,
+}
+
+impl Pace {
+    fn add(&mut self, seconds: f64) {
+        self.made += 1;
+        self.seconds += seconds;
+    }
+
+    /// Time left for the frame at work, for which so many seconds have gone and so many are to come (where that is known),
+    /// and for `after` frames more.
+    fn left(self, frame: Option<(f64, Option<f64>)>, after: usize) -> Option<f64> {
+        let mean = |pace: Pace| (pace.made > 0).then(|| pace.seconds / pace.made as f64);
+        let Some((gone, rest)) = frame else { return Some(mean(self)? * after as f64) };
+        let rest = match rest {
+            Some(rest) => rest,
+            None => (mean(self)? - gone).max(0.0),
+        };
+        let mut pace = self;
+        pace.add(gone + rest);
+        Some(rest + mean(pace)? * after as f64)
+    }
 }
 
 /// `950`, `1.2 k`, `3.4 M`, `5.6 G`.
@@ -297,6 +335,22 @@ mod tests {
     fn figures_are_readable() {
         assert_eq!([duration(4.21), duration(185.0), duration(7620.0)], ["4.2 s", "3 min 05 s", "2 h 07 min"]);
         assert_eq!([count(950.0), count(1234.0), count(3.4e6)], ["950", "1.2 k", "3.4 M"]);
+    }
+
+    #[test]
+    fn the_time_left_is_told_from_frames_that_were_made() {
+        let mut pace = Pace::default();
+        // Nothing is known before the light of the first frame.
+        assert_eq!(pace.left(Some((7.0, None)), 3), None);
+        assert_eq!(pace.left(None, 3), None);
+        // 8 of 10 seconds gone, 3 frames of 10 seconds to come; frames that were kept do not count.
+        assert_eq!(pace.left(Some((8.0, Some(2.0))), 3), Some(32.0));
+        pace.add(10.0);
+        assert_eq!(pace.left(None, 3), Some(30.0));
+        assert_eq!(pace.left(Some((4.0, None)), 2), Some(26.0));
+        assert_eq!(pace.left(Some((14.0, None)), 0), Some(0.0));
+        pace.add(20.0);
+        assert_eq!(pace.left(Some((10.0, Some(20.0))), 1), Some(40.0));
     }
 
     #[test]

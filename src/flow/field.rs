@@ -5,7 +5,7 @@ use crate::flow::elements::rigid;
 use crate::flow::gauge::{HoleFlux, WindExcess};
 use crate::flow::obstacles::Obstacle;
 use crate::flow::octaves::Drift;
-use crate::flow::potential::Psi;
+use crate::flow::potential::{Psi, flattened};
 use crate::flow::ramp::removed;
 use crate::flow::source::{Source, SourceSpan};
 use crate::flow::walls::{NOTICE, NearWalls};
@@ -80,7 +80,9 @@ impl Carrier {
             // A single component of the linear potential has only half of the velocity.
             let (n, v) = (triple!(i => phase.lit(normal[i])), 2.0 * self.motion.velocity());
             let (v, w) = (triple!(i => phase.lit(v[i])), triple!(i => phase.lit(w[i])));
-            return rigid(v, w, self.motion.center(phase), p).along(n);
+            let center = self.motion.center(phase);
+            let r = flattened(n, triple!(i => p[i] - center[i]));
+            return rigid(v, w, [phase.lit(0.0); 3], r).along(n);
         }
         let at_rest = [phase.lit(0.0); 3];
         let turning = rigid(at_rest, triple!(i => phase.lit(w[i])), self.motion.center(phase), p);
@@ -95,17 +97,18 @@ impl Carrier {
 impl VelocityField {
     /// The field of the given potentials round the given obstacles.
     pub fn new(sources: Vec<Source>, obstacles: Vec<Obstacle>) -> Self {
-        let of_sources = sources.iter().flat_map(|s| obstacles.iter().map(|o| o.influence(s.wanted_influence(o))));
-        let of_motions = obstacles.iter().map(|o| o.influence(o.size()));
-        let notice = of_sources.chain(of_motions).fold(0.0, f64::max) * NOTICE;
+        let notice = notice(&sources, &obstacles, None);
         Self { sources, obstacles, notice, planar: None }
     }
 
     /// The field in two dimensions, alike in all planes across `normal` (length 1) but for the obstacles: of every
-    /// potential the component along it is taken for a stream function (curl-noise-2007, equations 2 and 3).
+    /// potential the component along it is taken for a stream function (curl-noise-2007, equations 2 and 3). What has a
+    /// place has it in each plane.
     pub fn planar(mut self, normal: DVec3) -> Self {
-        self.sources.iter_mut().for_each(|source| source.planar = Some(normal));
-        Self { planar: Some(normal), ..Self::new(self.sources, self.obstacles) }
+        self.sources.iter_mut().for_each(|source| source.potential.flatten(normal));
+        self.planar = Some(normal);
+        self.notice = notice(&self.sources, &self.obstacles, self.planar);
+        self
     }
 
     /// The obstacles.
@@ -116,7 +119,8 @@ impl VelocityField {
     /// The field from `start` [s], lasting `duration` [s].
     pub fn span(&self, start: f64, duration: f64) -> FieldSpan<'_> {
         let motions: Vec<_> = self.obstacles.iter().map(|o| o.span(start, duration)).collect();
-        let sources = self.sources.iter().map(|s| s.span(&self.obstacles, &motions, start, duration)).collect();
+        let sources =
+            self.sources.iter().map(|s| s.span(&self.obstacles, &motions, self.planar, start, duration)).collect();
         let carriers =
             self.obstacles.iter().zip(&motions).map(|(o, m)| m.map(|m| Carrier::new(o, m, self.planar))).collect();
         FieldSpan { field: self, sources, motions, carriers }
@@ -131,6 +135,14 @@ impl VelocityField {
     pub fn distance(&self, p: [f64; 3], time: f64) -> f64 {
         self.span(time, 0.0).distance(p, 0.0)
     }
+}
+
+/// Distance [m] beyond which no obstacle bends anything.
+fn notice(sources: &[Source], obstacles: &[Obstacle], planar: Option<DVec3>) -> f64 {
+    let of_sources =
+        sources.iter().flat_map(|s| obstacles.iter().map(move |o| o.influence(s.wanted_influence(o, planar))));
+    let of_motions = obstacles.iter().map(|o| o.influence(o.size()));
+    of_sources.chain(of_motions).fold(0.0, f64::max) * NOTICE
 }
 
 impl FieldSpan<'_> {

@@ -1,6 +1,7 @@
 //! Divergence-free velocity: the curl of potentials that are bent round obstacles.
 
 pub mod curl;
+pub mod dfvn;
 pub mod elements;
 pub mod field;
 pub mod flow_noise;
@@ -11,7 +12,9 @@ pub mod obstacles;
 pub mod octaves;
 pub mod potential;
 pub mod ramp;
+pub mod reproject;
 pub mod settle;
+pub mod simplex;
 pub mod source;
 pub mod turbulence;
 pub mod vortex;
@@ -234,10 +237,7 @@ impl Builder<'_> {
         let masks = modulate.iter().enumerate();
         let masks = masks.map(|(j, mask)| self.placed_mask(mask, &format!("{key}.modulate[{j}]")));
         let masks = masks.collect::<Result<Vec<_>, _>>()?;
-        Ok(potentials
-            .into_iter()
-            .map(|potential| Source { potential, masks: masks.clone(), influence, planar: None })
-            .collect())
+        Ok(potentials.into_iter().map(|potential| Source { potential, masks: masks.clone(), influence }).collect())
     }
 
     fn placed_mask(&self, mask: &settings::Mask, key: &str) -> Result<PlacedMask, FlowError> {

@@ -73,6 +73,13 @@ impl<L: Real> Psi<L> {
     }
 }
 
+/// The point of the plane through the origin across `normal` (length 1) that is below or above `p`.
+#[inline(always)]
+pub fn flattened<R: Real>(normal: [R; 3], p: [R; 3]) -> [R; 3] {
+    let height = dot(normal, p);
+    triple!(i => p[i] - height * normal[i])
+}
+
 /// The potential `½ V × (x − x0)` of a constant velocity V [m/s].
 ///
 /// Curl-noise-2007 prints it without the ½ in equation 6, which would double the velocity: curl(V × x) = 2V.

@@ -6,7 +6,7 @@ use crate::flow::gauge::{HoleFlux, Parabola, WindExcess, reference_at};
 use crate::flow::mask::{MaskSpan, PlacedMask};
 use crate::flow::obstacles::{Boundary, Ground, Obstacle};
 use crate::flow::octaves::{Drift, Form, Octave, OctaveSpan};
-use crate::flow::potential::{Psi, uniform};
+use crate::flow::potential::{Psi, flattened, uniform};
 use crate::flow::vortex::{Vortex, VortexSpan};
 use crate::flow::walls::NearObstacle;
 use crate::geometry::motion::RigidSpan;
@@ -52,16 +52,13 @@ pub struct Source {
     /// Distance from obstacles over which it bends [m]; where `None` that is its own length, or for potentials without
     /// one the obstacle's girth or size.
     pub influence: Option<f64>,
-    /// Direction (length 1) across which the flow is two-dimensional: the potential's component along it, a stream
-    /// function, alike in all planes across.
-    pub planar: Option<DVec3>,
 }
 
 #[derive(Debug, Clone)]
 pub(in crate::flow) struct SourceSpan<'a> {
     potential: PotentialSpan<'a>,
     masks: Vec<MaskSpan<'a>>,
-    /// Across which a flow in two dimensions goes on.
+    /// Across which a flow in two dimensions goes on; `None` too for noise that is two-dimensional by itself.
     planar: Option<DVec3>,
     pub(in crate::flow) walls: Vec<SourceWall>,
 }
@@ -100,7 +97,7 @@ enum Gauge {
 
 impl From<Potential> for Source {
     fn from(potential: Potential) -> Self {
-        Self { potential, masks: Vec::new(), influence: None, planar: None }
+        Self { potential, masks: Vec::new(), influence: None }
     }
 }
 
@@ -110,39 +107,46 @@ impl Source {
         Potential::Uniform { velocity: DVec3::from_array(velocity), origin: DVec3::ZERO }.into()
     }
 
-    pub(in crate::flow) fn wanted_influence(&self, obstacle: &Obstacle) -> f64 {
+    pub(in crate::flow) fn wanted_influence(&self, obstacle: &Obstacle, planar: Option<DVec3>) -> f64 {
         self.influence.or_else(|| self.potential.length()).unwrap_or_else(|| {
             let is_fitted = self.is_wind() && !obstacle.holds_what_stands_on_it();
-            if is_fitted || self.planar.is_some() { obstacle.girth() } else { obstacle.size() }
+            if is_fitted || planar.is_some() { obstacle.girth() } else { obstacle.size() }
         })
+    }
+
+    /// Whether it is noise in the planes across `normal` by itself.
+    fn is_planar_noise(&self, normal: DVec3) -> bool {
+        let Potential::Octave(octave) = &self.potential else { return false };
+        matches!(octave.form(), Form::Planar(own) if own.cross(normal).length_squared() < 1e-24)
     }
 
     /// Whether it is a uniform velocity, whose excess is fitted to obstacles. The excess of others grows away from the
     /// reference point of a slender body, and a narrow ramp would make a jet of it.
     fn is_wind(&self) -> bool {
-        matches!(self.potential, Potential::Uniform { .. }) && self.masks.is_empty() && self.planar.is_none()
+        matches!(self.potential, Potential::Uniform { .. }) && self.masks.is_empty()
     }
 
     pub(in crate::flow) fn span(
         &self,
         obstacles: &[Obstacle],
         motions: &[Option<RigidSpan>],
+        planar: Option<DVec3>,
         start: f64,
         duration: f64,
     ) -> SourceSpan<'_> {
         let mut span = SourceSpan {
             potential: self.potential.span(start, duration),
             masks: self.masks.iter().map(|mask| mask.span(start, duration)).collect(),
-            planar: self.planar,
+            planar: planar.filter(|normal| !self.is_planar_noise(*normal)),
             walls: Vec::with_capacity(obstacles.len()),
         };
         for (obstacle, motion) in obstacles.iter().zip(motions) {
             let motion = motion.as_ref();
-            let influence = obstacle.influence(self.wanted_influence(obstacle));
+            let influence = obstacle.influence(self.wanted_influence(obstacle, planar));
             let hole = obstacle.hole().filter(|_| span.is_vector());
             let hole = hole.map(|hole| HoleFlux::new(hole, motion, |p, phase| span.psi(p, phase).value));
             let gauge = match &self.potential {
-                Potential::Uniform { velocity, .. } if self.is_wind() => {
+                Potential::Uniform { velocity, .. } if self.is_wind() && planar.is_none() => {
                     Gauge::Wind(WindExcess::new(*velocity, obstacle, motion))
                 }
                 potential => {
@@ -165,6 +169,16 @@ impl Source {
 }
 
 impl Potential {
+    /// Puts what has a place into the plane through the origin across `normal` (length 1), where two-dimensional flows are
+    /// looked up.
+    pub(in crate::flow) fn flatten(&mut self, normal: DVec3) {
+        match self {
+            Self::Rigid { center, .. } => *center -= normal * normal.dot(*center),
+            Self::Vortex(vortex) => vortex.flatten(normal),
+            Self::Uniform { .. } | Self::Shear(_) | Self::Column(_) | Self::Octave(_) => {}
+        }
+    }
+
     /// Size of its features, where it has one [m].
     fn length(&self) -> Option<f64> {
         match self {
@@ -236,11 +250,11 @@ impl SourceSpan<'_> {
 
     /// The point itself, or in two dimensions the one below or above it in the plane through the origin.
     #[inline(always)]
-    fn in_plane<L: Lane>(&self, p: [L; 3]) -> [L; 3] {
-        let Some(normal) = self.planar else { return p };
-        let n: [L; 3] = triple!(i => p[0].lit(normal[i]));
-        let height = dot(n, p);
-        triple!(i => p[i] - height * n[i])
+    fn in_plane<L: Lane>(&self, mut p: [L; 3]) -> [L; 3] {
+        if let Some(normal) = self.planar {
+            p = flattened(triple!(i => p[0].lit(normal[i])), p);
+        }
+        p
     }
 
     /// The potential itself, or in two dimensions its part across the planes.

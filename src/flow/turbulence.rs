@@ -83,9 +83,11 @@ impl Turbulence {
     pub fn new(settings: &TurbulenceSettings) -> Self {
         let shrink = settings.stretch.map(|s| 1.0 / s);
         let shrunk = |v: [f64; 3]| std::array::from_fn(|i| v[i] * shrink[i]);
-        let squares: f64 = (0..settings.octaves).map(|k| settings.gain.powi(2 * k as i32)).sum();
+        let gains = (0..settings.octaves).map(|k| settings.gain.powi(k as i32));
+        // What has a sign adds up by its squares, what has none by itself.
+        let size = if settings.is_folded { gains.sum() } else { gains.map(|g| g * g).sum::<f64>().sqrt() };
         // Octaves are set by their speed, which is their amplitude over their length.
-        let amplitude = RMS_TURBULENCE / (RMS_VALUE * squares.sqrt());
+        let amplitude = RMS_TURBULENCE / (RMS_VALUE * size);
         let octaves = octaves(&OctavesSettings {
             length_scale: settings.length_scale,
             speed: amplitude * RMS_SPEED / settings.length_scale,
@@ -114,7 +116,8 @@ impl Turbulence {
 }
 
 impl TurbulenceSpan {
-    /// The sum t at `p` [m]: its root mean square is [`RMS_TURBULENCE`], or folded it goes from 0 to about 1.
+    /// The sum t at `p` [m]: its root mean square is [`RMS_TURBULENCE`]; folded it goes from 0 to about 1, with a mean of
+    /// about a quarter.
     ///
     /// Each octave is taken at x − I·M·t(x), with t the sum of all larger ones there.
     pub fn value(&self, p: [f64; 3]) -> f64 {
@@ -146,6 +149,8 @@ mod tests {
             TurbulenceSettings { octaves: 1, length_scale: 0.3, ..calm.clone() },
             TurbulenceSettings { gain: 0.8, octaves: 6, lacunarity: 1.7, stretch: [1.0, 5.0, 0.4], ..calm.clone() },
             TurbulenceSettings { spin_rate: 0.3, ..calm.clone() },
+            TurbulenceSettings { evolve_rate: 0.7, ..calm.clone() },
+            TurbulenceSettings { displacement: [0.3, 0.2, 0.0], ..calm.clone() },
         ];
         for settings in settings {
             let turbulence = Turbulence::new(&settings).at(2.3);
@@ -163,11 +168,17 @@ mod tests {
     }
 
     #[test]
-    fn folded_turbulence_has_creases_at_zero() {
-        let folded = Turbulence::new(&TurbulenceSettings { is_folded: true, ..Default::default() }).at(0.0);
-        let values: Vec<f64> = points(20_000).map(|p| folded.value(p)).collect();
-        assert!(values.iter().all(|&t| (0.0..1.6).contains(&t)));
-        assert!(values.iter().any(|&t| t < 0.05) && values.iter().any(|&t| t > 0.8));
+    fn folded_turbulence_goes_from_creases_at_zero_to_one_however_many_octaves() {
+        for (octaves, gain) in [(1, 0.5), (4, 0.5), (6, 0.62), (16, 1.0)] {
+            let settings = TurbulenceSettings { is_folded: true, octaves, gain, ..Default::default() };
+            let folded = Turbulence::new(&settings).at(0.0);
+            let values: Vec<f64> = points(5000).map(|p| folded.value(p)).collect();
+            let mean = values.iter().sum::<f64>() / 5000.0;
+            assert!((mean - 0.27).abs() < 0.03, "{octaves} octaves: mean {mean}");
+            assert!(values.iter().all(|&t| (0.0..1.3).contains(&t)), "{octaves} octaves");
+            let is_creased = values.iter().any(|&t| t < 0.1);
+            assert!(octaves > 6 || is_creased && values.iter().any(|&t| t > 0.5), "{octaves} octaves");
+        }
     }
 
     #[test]

@@ -85,6 +85,13 @@ impl Vortex {
         self.radius
     }
 
+    /// Puts all of it into the plane through the origin across `normal` (length 1), where it stays.
+    pub fn flatten(&mut self, normal: DVec3) {
+        let flat = |v: &DVec3| *v - normal * normal.dot(*v);
+        let centers = self.centers.iter().map(flat).collect();
+        *self = Self::new(centers, std::mem::take(&mut self.strengths), self.radius, flat(&self.velocity));
+    }
+
     /// The vortex from `start` [s], lasting `duration` [s].
     pub fn span(&self, start: f64, duration: f64) -> VortexSpan<'_> {
         VortexSpan { vortex: self, start: self.velocity * start, displacement: self.velocity * duration }

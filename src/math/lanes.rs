@@ -60,8 +60,7 @@ pub fn run_kernel<K: Kernel>(kernel: K) -> K::Output {
                 || kernel.run(Lanes::splat(simd, 0.0)),
             );
         }
-        // Every instruction set is a copy of all kernels to compile, and the scalar ones are there already. Processors
-        // without AVX2 are from before 2015.
+        // Every instruction set is a copy of all kernels to compile, and the scalar ones are there already.
         kernel.run(0.0f64)
     }
     #[cfg(not(target_arch = "x86_64"))]

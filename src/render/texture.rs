@@ -35,7 +35,7 @@ pub struct Ramp {
 }
 
 impl Texture {
-    /// The colour at a point of the shape's own space, where it rests [m].
+    /// The colour at a point of world space, where the shape rests [m].
     pub fn at(&self, p: [f64; 3]) -> Rgb {
         match self {
             Self::Constant(color) => *color,

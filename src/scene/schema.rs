@@ -111,6 +111,7 @@ pub fn expected(root: &Json, schema: &Json) -> String {
     match type_name(schema) {
         "object" => "a map of keys and values".into(),
         "array" => match (schema["minItems"].as_u64(), type_name(resolve(root, &schema["items"]))) {
+            (Some(count), _) if schema["maxItems"].is_null() => format!("a list of at least {count}"),
             (Some(count), "integer") => format!("a list of {count} whole numbers"),
             (Some(count), _) => format!("a list of {count} numbers"),
             _ => "a list".into(),

@@ -47,18 +47,43 @@ impl Check<'_, '_, '_> {
         }
         if let Some(normal) = flow.planar {
             self.direction("flow.planar", normal);
+            for (i, potential) in flow.potentials.iter().enumerate() {
+                self.in_planes(&format!("flow.potentials[{i}].{}", potential.name()), potential, normal);
+            }
         }
         for (i, potential) in flow.potentials.iter().enumerate() {
-            let is_solid =
-                matches!(potential, Potential::Plume(_) | Potential::VortexRing(_) | Potential::VortexCurve(_));
-            let is_bitangent = matches!(potential, Potential::Noise(Noise { form: NoiseForm::Bitangent, .. }));
-            if flow.planar.is_some() && (is_solid || is_bitangent) {
-                let key = format!("flow.potentials[{i}].{}", potential.name());
-                let what = if is_bitangent { "bitangent noise" } else { potential.name() };
-                let message = format!("there is no {what} in two dimensions");
-                self.error_help(&key, "flow", message, "leave out `flow.planar`, or take another potential");
-            }
             self.potential(&format!("flow.potentials[{i}]"), potential, &shapes);
+        }
+    }
+
+    /// What a potential of a flow in two dimensions must be like.
+    fn in_planes(&mut self, key: &str, potential: &Potential, normal: Vec3) {
+        let none = |what: &str| Some(format!("there is no {what} in two dimensions"));
+        let outward = |v: Vec3| (0..3).map(|i| v[i] * normal[i]).sum::<f64>().abs() > 1e-9 * length(v) * length(normal);
+        let is_out = |v: Vec3| length(v) > 0.0 && is_parallel(v, normal);
+        let message = match potential {
+            Potential::Plume(_) | Potential::VortexRing(_) | Potential::VortexCurve(_) => none(potential.name()),
+            Potential::Noise(noise) if noise.form == NoiseForm::Bitangent => none("bitangent noise"),
+            Potential::Noise(noise) => {
+                let is_other = noise.planar.is_some_and(|own| length(own) > 0.0 && !is_parallel(own, normal));
+                is_other.then(|| "its `planar` must have the direction of `flow.planar`".to_owned())
+            }
+            Potential::Uniform(uniform) if is_out(uniform.velocity) => {
+                Some("points out of the planes of `flow.planar`, and so does nothing".into())
+            }
+            Potential::Shear(shear) if outward(shear.direction) || outward(shear.across) => {
+                Some("`direction` and `across` must be in the planes of `flow.planar`".into())
+            }
+            Potential::Vortex(vortex) if length(vortex.angular_velocity) > 0.0 && !outward(vortex.angular_velocity) => {
+                Some("turns about an axis in the planes of `flow.planar`, and so does nothing".into())
+            }
+            Potential::Rigid(rigid) if length(rigid.angular_velocity) > 0.0 && !outward(rigid.angular_velocity) => {
+                Some("turns about an axis in the planes of `flow.planar`, and so does nothing".into())
+            }
+            _ => None,
+        };
+        if let Some(message) = message {
+            self.error_help(key, "flow", message, "leave out `flow.planar`, or take another potential");
         }
     }
 

@@ -27,10 +27,6 @@ impl Check<'_, '_, '_> {
             let message = "features either turn (`spin_rate`) or give way to others (`evolve_rate`), not both";
             self.error(&format!("{key}.evolve_rate"), key, message);
         }
-        if noise.ramp.len() < 2 {
-            let message = format!("a ramp has at least 2 stops, found {}", noise.ramp.len());
-            self.error(&format!("{key}.ramp"), key, message);
-        }
         if let Some(i) = noise.ramp.windows(2).position(|pair| pair[1].at <= pair[0].at) {
             let (before, at) = (decimal(noise.ramp[i].at), decimal(noise.ramp[i + 1].at));
             let message = format!("places must rise: the stop before is at {before}, found {at}");

@@ -117,8 +117,8 @@ pub struct FlowNoise {
     /// Default [0, 0, 0].
     #[serde(default)]
     pub displacement: Vec3,
-    /// How long features last while larger ones carry them: 1 are drawn out, 0 are always made anew and never stretched.
-    /// Default 1.
+    /// How much of `displacement` is applied, the structure memory of the paper: 1 for features that last and are drawn
+    /// out, 0 for such as are always made anew. Default 1.
     #[serde(default = "one")]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub memory: f64,
@@ -126,13 +126,14 @@ pub struct FlowNoise {
     #[serde(default)]
     pub along: Vec3,
     /// How far the noise moves the place in the ramp. The noise itself has a root mean square of a third and hardly leaves
-    /// −1 to 1; folded it goes from 0 to about 1. Default 1.
+    /// −1 to 1; folded it goes from 0 to about 1, with a mean of a quarter. Default 1.
     #[serde(default = "one")]
     pub amplitude: f64,
     /// Begin the ramp again beyond its ends, instead of going on with its last colours. Default false.
     #[serde(default)]
     pub repeat: bool,
     /// Colours at places that rise: at least two.
+    #[schemars(length(min = 2))]
     pub ramp: Vec<Stop>,
     /// Which of the many patterns. Default 0.
     #[serde(default)]
