@@ -138,7 +138,7 @@ shapes:
     ));
     let geometry = Geometry::build(&scene, &Silent).unwrap();
     let at = |time: f64| render::build_materials(&scene, &geometry.at(time), time);
-    let emitted = |time: f64, shape: usize, p: [f32; 3]| at(time)[shape].emitted(WorldPoint(Vec3::from(p))).x;
+    let emitted = |time: f64, shape: usize, p: [f32; 3]| at(time)[shape].at(WorldPoint(Vec3::from(p))).emitted.x;
     // A quarter turn about the ball's middle brings what is to its right to its top.
     let (rest, moved) = (emitted(0.0, 0, [1.5, 0.0, 0.1]), emitted(1.0, 0, [1.0, 2.5, 0.1]));
     assert!((rest - moved).abs() < 1e-5 && rest > 0.0, "{rest} {moved}");

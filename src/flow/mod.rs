@@ -16,6 +16,7 @@ pub mod reproject;
 pub mod settle;
 pub mod simplex;
 pub mod source;
+pub mod surface;
 pub mod turbulence;
 pub mod vortex;
 pub mod walls;

@@ -51,6 +51,8 @@ pub struct Shape {
     pub visible: bool,
     /// How far its motion has brought it.
     pub moved: Similarity,
+    /// Its signed distance where it rests, as `sdf` before it moved.
+    pub resting: Option<Arc<PlacedSdf>>,
     /// What light meets, where it is not a mesh.
     solid: Option<Arc<Solid>>,
 }
@@ -170,7 +172,7 @@ impl Geometry {
         let limit = memory_limit(scene);
         let (mesh, warning) = read(scene, name, settings)?;
         self.warnings.extend(warning);
-        let sdf = if with_distance && is_obstacle(scene, name) {
+        let sdf = if with_distance && needs_distance(scene, name) {
             let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
             let sampled = MeshSdf::sample(&mesh, spacing, limit)
                 .map_err(|source| GeometryError::Distance { place: place(scene, name, "distance_voxel"), source })?;
@@ -185,6 +187,7 @@ impl Geometry {
         let mesh = Some(Arc::new(mesh.transformed(placement)));
         Ok(Shape {
             name: name.into(),
+            resting: sdf.clone(),
             sdf,
             motion: None,
             pivot,
@@ -236,7 +239,7 @@ fn read(scene: &Scene, name: &str, settings: &settings::Mesh) -> Result<(Mesh, O
         Err(source) => return Err(GeometryError::MeshFile { place, source }),
     };
     let report = mesh.report();
-    let matters = is_obstacle(scene, name) || report.was_inside_out || report.degenerate_triangles > 0;
+    let matters = needs_distance(scene, name) || report.was_inside_out || report.degenerate_triangles > 0;
     let warning = (!report.is_clean() && matters).then(|| format!("warning: {place}{} has {report}", settings.file));
     Ok((mesh, warning))
 }
@@ -273,9 +276,12 @@ fn scale_of(scene: &Scene, name: &str) -> f64 {
     scene.settings.shapes.get(name).map_or(1.0, |shape| shape.transform.scale)
 }
 
-/// Whether the flow needs the distance of a shape.
-fn is_obstacle(scene: &Scene, name: &str) -> bool {
+/// Whether the flow, or what flows on it, needs the distance of a shape.
+fn needs_distance(scene: &Scene, name: &str) -> bool {
     let flow = &scene.settings.flow;
+    if scene.settings.shapes.get(name).is_some_and(|shape| shape.surface_flow.is_some()) {
+        return true;
+    }
     let is_wall = flow.obstacles.iter().chain(&flow.containers).any(|wall| wall == name);
     let is_mask = |mask: &settings::Mask| match mask {
         settings::Mask::Shape(mask) => mask.name == name,
@@ -296,6 +302,7 @@ fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity
     let pivot = sdf.as_ref().map_or(DVec3::ZERO, |sdf| sdf.center().0.as_dvec3());
     Shape {
         name: name.into(),
+        resting: sdf.clone(),
         sdf,
         motion: None,
         pivot,

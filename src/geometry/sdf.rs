@@ -3,10 +3,11 @@
 use crate::geometry::mesh_sdf::MeshSdf;
 use crate::geometry::primitive::Primitive;
 use crate::math::aabb::Aabb;
+use crate::math::dual::Dual;
 use crate::math::jet::{Jet, Scalar};
 use crate::math::real::{Lane, Real, dot, triple};
 use crate::math::space::{Similarity, WorldPoint};
-use glam::{DMat3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use std::sync::Arc;
 
 /// The signed distance of a solid in its own space.
@@ -129,6 +130,17 @@ impl PlacedSdf {
         }
         let rows: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation.col(j)[i])));
         Scalar { value, gradient: triple!(i => dot(rows[i], local.gradient)) }
+    }
+
+    /// As [`PlacedSdf::at`] for a single point, without a Hessian on the way.
+    pub fn slope(&self, p: [f64; 3]) -> Scalar<f64> {
+        let Sdf::Primitive(primitive) = &self.sdf else { return self.at(p) };
+        let local = primitive.distance(Dual::point(self.to_local(p)));
+        let value = local.value * f64::from(self.placement.scale);
+        if !self.is_turned {
+            return Scalar { value, gradient: local.gradient };
+        }
+        Scalar { value, gradient: (self.rotation * DVec3::from_array(local.gradient)).to_array() }
     }
 
     /// As [`PlacedSdf::at`] with the Hessian [1/m]; `None` for a sampled distance, whose curvature is not the solid's.

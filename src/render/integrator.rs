@@ -132,9 +132,10 @@ impl<'a> Integrator<'a> {
                         return contribution;
                     }
                     (None, Some(hit)) => {
+                        let point = self.world.materials[hit.shape_idx as usize].at(hit.position);
                         // No light of the direct connections, so that every path that meets it counts in full.
-                        contribution.radiance += throughput * self.material(&hit).emitted(hit.position);
-                        self.surface_vertex(hit, ray.direction)
+                        contribution.radiance += throughput * point.emitted;
+                        self.surface_vertex(hit, ray.direction, point.bsdf)
                     }
                     (None, None) => {
                         self.add_background(&ray, throughput, direction_pdf, bounce == 0, &mut contribution);
@@ -185,16 +186,11 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn surface_vertex(&self, hit: Hit, before: UnitVec3) -> Vertex<'a> {
-        let bsdf = self.material(&hit).bsdf(hit.position);
+    fn surface_vertex(&self, hit: Hit, before: UnitVec3, bsdf: Bsdf) -> Vertex<'a> {
         // Materials act alike on both sides: look at the surface from the side the path came from.
         let is_front = hit.normal.dot(*before) < 0.0;
         let shading = if is_front { hit.shading_normal } else { -hit.shading_normal };
         Vertex::Surface { hit, before, normal: shading, bsdf }
-    }
-
-    fn material(&self, hit: &Hit) -> &'a Material {
-        &self.world.materials[hit.shape_idx as usize]
     }
 
     fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, is_camera: bool, out: &mut Contribution) {

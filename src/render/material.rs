@@ -1,5 +1,6 @@
 //! Surfaces.
 
+use crate::flow::surface::SurfaceFlow;
 use crate::math::space::{Similarity, UnitVec3, WorldPoint};
 use crate::render::color::Rgb;
 use crate::render::texture::Texture;
@@ -15,6 +16,17 @@ pub struct Material {
     pub emission: Option<Texture>,
     /// Where its shape has moved from where it rests, which is where textures are looked up.
     pub moved: Similarity,
+    /// What carries textures along its surface.
+    pub flow: Option<SurfaceFlow>,
+}
+
+/// What light meets at a point of a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// How it scatters.
+    pub bsdf: Bsdf,
+    /// Radiance that it gives off [W/(m² sr)].
+    pub emitted: Rgb,
 }
 
 /// How a material scatters light.
@@ -49,20 +61,18 @@ pub struct BsdfSample {
 }
 
 impl Material {
-    /// How it scatters at a point of the surface.
-    pub fn bsdf(&self, point: WorldPoint) -> Bsdf {
-        match &self.kind {
-            MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance: self.color(reflectance, point) },
+    /// The material at a point of the surface.
+    pub fn at(&self, point: WorldPoint) -> SurfacePoint {
+        let MaterialKind::Diffuse { reflectance } = &self.kind;
+        let is_patterned = !reflectance.is_constant() || self.emission.as_ref().is_some_and(|e| !e.is_constant());
+        let mut p = self.moved.point_to_local(point).to_array().map(f64::from);
+        if let Some(flow) = self.flow.as_ref().filter(|_| is_patterned) {
+            p = flow.origin(p);
         }
-    }
-
-    /// Radiance given off at a point of the surface [W/(m² sr)].
-    pub fn emitted(&self, point: WorldPoint) -> Rgb {
-        self.emission.as_ref().map_or(Vec3::ZERO, |emission| self.color(emission, point))
-    }
-
-    fn color(&self, texture: &Texture, point: WorldPoint) -> Rgb {
-        texture.at(self.moved.point_to_local(point).to_array().map(f64::from))
+        SurfacePoint {
+            bsdf: Bsdf::Diffuse { reflectance: reflectance.at(p) },
+            emitted: self.emission.as_ref().map_or(Vec3::ZERO, |emission| emission.at(p)),
+        }
     }
 }
 

@@ -18,8 +18,11 @@ pub mod texture;
 pub mod tiles;
 pub mod tracking;
 
+use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
+use crate::flow::surface::SurfaceFlow;
 use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
+use crate::geometry::sdf::PlacedSdf;
 use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
@@ -37,6 +40,7 @@ use crate::render::tiles::View;
 use crate::scene::{Scene, settings};
 use glam::Vec3;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// What can stop a picture.
 #[derive(Debug, thiserror::Error)]
@@ -119,18 +123,35 @@ pub fn build_materials(scene: &Scene, geometry: &Geometry, time: f64) -> Vec<Mat
     shapes
         .map(|(shape, placed)| {
             let settings::Material::Diffuse(diffuse) = &shape.material;
-            let reflectance = match &diffuse.reflectance {
-                settings::Reflectance::Constant(color) => Texture::Constant(vec3(*color)),
-                settings::Reflectance::FlowNoise(noise) => flow_noise(noise, time),
-            };
-            let emission = match &diffuse.emission {
-                settings::Emission::Constant(_) if diffuse.emission.is_dark() => None,
-                settings::Emission::Constant(color) => Some(Texture::Constant(vec3(*color))),
-                settings::Emission::FlowNoise(noise) => Some(flow_noise(noise, time)),
-            };
-            Material { kind: MaterialKind::Diffuse { reflectance }, emission, moved: placed.moved }
+            let reflectance = texture(&diffuse.reflectance, time);
+            let emission = (!diffuse.emission.is_black()).then(|| texture(&diffuse.emission, time));
+            let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
+            let flow = flow.map(|(flow, solid)| surface_flow(flow, solid.clone(), time));
+            Material { kind: MaterialKind::Diffuse { reflectance }, emission, moved: placed.moved, flow }
         })
         .collect()
+}
+
+fn surface_flow(flow: &settings::SurfaceFlow, solid: Arc<PlacedSdf>, time: f64) -> SurfaceFlow {
+    let trace = Trace {
+        steps: flow.steps,
+        integrator: match flow.integrator {
+            settings::SurfaceIntegrator::Euler => Integrator::Euler,
+            settings::SurfaceIntegrator::Rk4 => Integrator::RungeKutta,
+        },
+        reprojection: Reprojection::Newton(Repetition { steps: flow.reprojections, tolerance: 0.0 }),
+    };
+    SurfaceFlow::new(solid, flow.length_scale, flow.distance + flow.speed * time, trace, Seed(flow.seed))
+}
+
+fn texture(texture: &settings::Texture, time: f64) -> Texture {
+    match texture {
+        settings::Texture::Constant(color) => Texture::Constant(vec3(*color)),
+        settings::Texture::FlowNoise(noise) => flow_noise(noise, time),
+        settings::Texture::Stripes(s) => Texture::Stripes { along: s.along, colors: s.colors.map(vec3) },
+        settings::Texture::Checker(c) => Texture::Checker { size: c.size, colors: c.colors.map(vec3) },
+        settings::Texture::Rings(r) => Texture::Rings { center: r.center, width: r.width, colors: r.colors.map(vec3) },
+    }
 }
 
 fn flow_noise(noise: &settings::FlowNoise, time: f64) -> Texture {

@@ -11,6 +11,29 @@ pub enum Texture {
     Constant(Rgb),
     /// Flow noise through a ramp of colours.
     FlowNoise(Box<FlowNoise>),
+    /// Layers of two colours.
+    Stripes {
+        /// Pairs of layers that go by along each axis [1/m].
+        along: [f64; 3],
+        /// The two.
+        colors: [Rgb; 2],
+    },
+    /// Cubes of two colours.
+    Checker {
+        /// Edge [m].
+        size: f64,
+        /// The two.
+        colors: [Rgb; 2],
+    },
+    /// Shells of two colours.
+    Rings {
+        /// Their middle [m].
+        center: [f64; 3],
+        /// Thickness [m].
+        width: f64,
+        /// The two, the innermost first.
+        colors: [Rgb; 2],
+    },
 }
 
 /// Flow noise through a ramp of colours: C(x + I·t(x)) (Perlin and Neyret 2001), with t the turbulence.
@@ -43,7 +66,24 @@ impl Texture {
                 let along: f64 = (0..3).map(|i| noise.along[i] * p[i]).sum();
                 noise.ramp.at(along + noise.amplitude * noise.turbulence.value(p))
             }
+            Self::Stripes { along, colors } => {
+                let place: f64 = (0..3).map(|i| along[i] * p[i]).sum();
+                colors[usize::from(place.rem_euclid(1.0) >= 0.5)]
+            }
+            Self::Checker { size, colors } => {
+                let cell: f64 = p.iter().map(|x| (x / size).floor()).sum();
+                colors[usize::from(cell.rem_euclid(2.0) >= 1.0)]
+            }
+            Self::Rings { center, width, colors } => {
+                let square: f64 = (0..3).map(|i| (p[i] - center[i]).powi(2)).sum();
+                colors[usize::from((square.sqrt() / width).rem_euclid(2.0) >= 1.0)]
+            }
         }
+    }
+
+    /// Whether the colour is the same everywhere.
+    pub fn is_constant(&self) -> bool {
+        matches!(self, Self::Constant(_))
     }
 }
 

@@ -220,6 +220,10 @@ impl<'s> Check<'s, '_, '_> {
             self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
         }
         self.material(&format!("{key}.material"), &shape.material);
+        if shape.surface_flow.is_some() && shape.plane.is_some() {
+            let key = format!("{key}.surface_flow");
+            self.error_help(&key, &key, "nothing flows on a plane", "take a `box`, whose face is as flat");
+        }
         self.direction(&format!("{key}.transform.rotate_deg.axis"), shape.transform.rotate_deg.axis);
         if let Some(motion) = &shape.motion {
             self.motion(&format!("{key}.motion"), motion, shape.plane.is_some());
@@ -313,7 +317,7 @@ impl<'s> Check<'s, '_, '_> {
         let has_unknown_section = self.mended.iter().any(|path| !path.contains(['.', '[']));
         let glows = self.settings.shapes.values().any(|shape| {
             let Material::Diffuse(diffuse) = &shape.material;
-            shape.visible && !diffuse.emission.is_dark()
+            shape.visible && !diffuse.emission.is_black()
         });
         if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";

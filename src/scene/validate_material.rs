@@ -1,24 +1,33 @@
 //! What a schema cannot say about materials and textures.
 
 use crate::scene::schema::decimal;
-use crate::scene::settings::{Emission, FlowNoise, Material, Reflectance};
+use crate::scene::settings::{FlowNoise, Material, Texture};
 use crate::scene::validate::Check;
 
 impl Check<'_, '_, '_> {
     pub(crate) fn material(&mut self, key: &str, material: &Material) {
         let Material::Diffuse(diffuse) = material;
-        if let Reflectance::FlowNoise(noise) = &diffuse.reflectance {
-            let key = format!("{key}.diffuse.reflectance.flow_noise");
-            self.flow_noise(&key, noise);
-            for (i, stop) in noise.ramp.iter().enumerate() {
-                if let Some(&share) = stop.color.iter().find(|&&share| share > 1.0) {
-                    let message = format!("reflects more than it receives: at most 1, found {}", decimal(share));
-                    self.error(&format!("{key}.ramp[{i}].color"), &key, message);
-                }
+        let reflectance = format!("{key}.diffuse.reflectance");
+        self.texture(&reflectance, &diffuse.reflectance);
+        for (i, color) in diffuse.reflectance.colors().iter().enumerate() {
+            let key = match diffuse.reflectance {
+                Texture::Constant(_) => reflectance.clone(),
+                Texture::FlowNoise(_) => format!("{reflectance}.flow_noise.ramp[{i}].color"),
+                Texture::Stripes(_) => format!("{reflectance}.stripes.colors[{i}]"),
+                Texture::Checker(_) => format!("{reflectance}.checker.colors[{i}]"),
+                Texture::Rings(_) => format!("{reflectance}.rings.colors[{i}]"),
+            };
+            for (channel, &share) in color.iter().enumerate().filter(|(_, share)| **share > 1.0) {
+                let message = format!("must be from 0 to 1, found {}: no more is reflected than comes", decimal(share));
+                self.error(&format!("{key}[{channel}]"), &key, message);
             }
         }
-        if let Emission::FlowNoise(noise) = &diffuse.emission {
-            self.flow_noise(&format!("{key}.diffuse.emission.flow_noise"), noise);
+        self.texture(&format!("{key}.diffuse.emission"), &diffuse.emission);
+    }
+
+    fn texture(&mut self, key: &str, texture: &Texture) {
+        if let Texture::FlowNoise(noise) = texture {
+            self.flow_noise(&format!("{key}.flow_noise"), noise);
         }
     }
 

@@ -14,7 +14,7 @@ pub enum Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self::Diffuse(Diffuse { reflectance: Reflectance::Constant([0.5; 3]), emission: Emission::default() })
+        Self::Diffuse(Diffuse { reflectance: Texture::Constant([0.5; 3]), emission: dark() })
     }
 }
 
@@ -23,49 +23,136 @@ impl Default for Material {
 #[serde(deny_unknown_fields)]
 pub struct Diffuse {
     /// Share of light reflected, 0 to 1: a colour, or a texture.
-    pub reflectance: Reflectance,
+    pub reflectance: Texture,
     /// Light that the surface gives off [W/(m² sr)]: a colour, or a texture. Paths meet it by chance, so what is small and
     /// bright is better a light. Default none.
-    #[serde(default)]
-    pub emission: Emission,
+    #[serde(default = "dark")]
+    pub emission: Texture,
 }
 
-/// Share of light reflected.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub enum Reflectance {
-    /// Colours that swirl and flow.
-    FlowNoise(Box<FlowNoise>),
-    /// One colour.
-    #[serde(untagged)]
-    Constant(#[schemars(inner(range(min = 0.0, max = 1.0)))] Rgb),
+fn dark() -> Texture {
+    Texture::Constant([0.0; 3])
 }
 
-/// Light given off.
+/// A colour at each point of space, seen where surfaces are: one colour, or a pattern.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub enum Emission {
+pub enum Texture {
     /// Colours that swirl and flow.
     FlowNoise(Box<FlowNoise>),
+    /// Layers of two colours.
+    Stripes(Stripes),
+    /// Cubes of two colours.
+    Checker(Checker),
+    /// Shells of two colours round a point.
+    Rings(Rings),
     /// One colour.
     #[serde(untagged)]
     Constant(#[schemars(inner(range(min = 0.0)))] Rgb),
 }
 
-impl Default for Emission {
-    fn default() -> Self {
-        Self::Constant([0.0; 3])
+impl Texture {
+    /// All colours that it blends.
+    pub fn colors(&self) -> Vec<Rgb> {
+        match self {
+            Self::FlowNoise(noise) => noise.ramp.iter().map(|stop| stop.color).collect(),
+            Self::Stripes(stripes) => stripes.colors.to_vec(),
+            Self::Checker(checker) => checker.colors.to_vec(),
+            Self::Rings(rings) => rings.colors.to_vec(),
+            Self::Constant(color) => vec![*color],
+        }
+    }
+
+    /// Whether it is black everywhere.
+    pub fn is_black(&self) -> bool {
+        self.colors().iter().all(|color| *color == [0.0; 3])
     }
 }
 
-impl Emission {
-    /// Whether there is any.
-    pub fn is_dark(&self) -> bool {
-        match self {
-            Self::Constant(color) => *color == [0.0; 3],
-            Self::FlowNoise(noise) => noise.ramp.iter().all(|stop| stop.color == [0.0; 3]),
-        }
-    }
+/// Layers of two colours.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Stripes {
+    /// How many pairs of layers go by in a metre along each axis [1/m].
+    pub along: Vec3,
+    /// The two colours.
+    #[schemars(inner(inner(range(min = 0.0))))]
+    pub colors: [Rgb; 2],
+}
+
+/// Cubes of two colours, whose corners meet at the origin.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Checker {
+    /// Edge of a cube [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub size: f64,
+    /// The two colours.
+    #[schemars(inner(inner(range(min = 0.0))))]
+    pub colors: [Rgb; 2],
+}
+
+/// Shells of two colours round a point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Rings {
+    /// The point [m].
+    pub center: Vec3,
+    /// Thickness of a shell [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub width: f64,
+    /// The two colours, the innermost first.
+    #[schemars(inner(inner(range(min = 0.0))))]
+    pub colors: [Rgb; 2],
+}
+
+/// A flow along the surface of a shape, which carries its textures along (Bærentzen et al. 2025): without divergence, so that
+/// nothing is thinned out, drawn out into swirls instead.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SurfaceFlow {
+    /// Size of the swirls [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub length_scale: f64,
+    /// How far things have been carried at time 0 [m], as a root mean square; backwards where negative. Default 0.
+    #[serde(default)]
+    pub distance: f64,
+    /// How much farther each second [m/s]. Default 0.
+    #[serde(default)]
+    pub speed: f64,
+    /// Steps that the way is cut into. Default 32.
+    #[serde(default = "surface_steps")]
+    #[schemars(range(min = 1, max = 4096))]
+    pub steps: u32,
+    /// How each step is taken. Default rk4.
+    #[serde(default)]
+    pub integrator: SurfaceIntegrator,
+    /// How often a point is put back on the surface, and on its line, after each step. Default 1.
+    #[serde(default = "reprojections")]
+    #[schemars(range(min = 0, max = 16))]
+    pub reprojections: u32,
+    /// Which of the many patterns. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+/// How a step along a surface is taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SurfaceIntegrator {
+    /// One evaluation a step.
+    Euler,
+    /// Four evaluations a step: classical Runge–Kutta.
+    #[default]
+    Rk4,
+}
+
+fn surface_steps() -> u32 {
+    32
+}
+
+fn reprojections() -> u32 {
+    1
 }
 
 /// A texture of flow noise (Perlin and Neyret 2001): octaves of noise, whose gradients may turn and the larger of which may

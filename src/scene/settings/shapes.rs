@@ -1,6 +1,6 @@
 //! Solid things: shapes, their meshes, places and motions.
 
-use crate::scene::settings::{Material, Vec3, up, yes};
+use crate::scene::settings::{Material, SurfaceFlow, Vec3, up, yes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,9 @@ pub struct Shape {
     /// What the surface does to light. Default diffuse grey 0.5.
     #[serde(default)]
     pub material: Material,
+    /// A flow along its surface, that carries its textures. Not for planes. Default none.
+    #[serde(default)]
+    pub surface_flow: Option<SurfaceFlow>,
     /// Whether light meets it; an invisible shape still guides the flow. Default true.
     #[serde(default = "yes")]
     pub visible: bool,
