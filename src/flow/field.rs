@@ -118,12 +118,10 @@ impl VelocityField {
 
     /// The field from `start` [s], lasting `duration` [s].
     pub fn span(&self, start: f64, duration: f64) -> FieldSpan<'_> {
-        let motions: Vec<_> = self.obstacles.iter().map(|o| o.span(start, duration)).collect();
-        let sources =
-            self.sources.iter().map(|s| s.span(&self.obstacles, &motions, self.planar, start, duration)).collect();
-        let carriers =
-            self.obstacles.iter().zip(&motions).map(|(o, m)| m.map(|m| Carrier::new(o, m, self.planar))).collect();
-        FieldSpan { field: self, sources, motions, carriers }
+        let sources = self.sources.iter().map(|source| source.unready_span(self.planar)).collect();
+        let mut span = FieldSpan { field: self, sources, motions: Vec::new(), carriers: Vec::new() };
+        span.renew(start, duration);
+        span
     }
 
     /// Velocity [m/s] at a point and a time [s], in double precision: the truth that lanes are held against.
@@ -146,6 +144,19 @@ fn notice(sources: &[Source], obstacles: &[Obstacle], planar: Option<DVec3>) -> 
 }
 
 impl FieldSpan<'_> {
+    /// Makes this the field from `start` [s], lasting `duration` [s], in the memory that it has.
+    pub fn renew(&mut self, start: f64, duration: f64) {
+        let field = self.field;
+        self.motions.clear();
+        self.motions.extend(field.obstacles.iter().map(|o| o.span(start, duration)));
+        for (span, source) in self.sources.iter_mut().zip(&field.sources) {
+            source.renew(span, &field.obstacles, &self.motions, field.planar, start, duration);
+        }
+        let moving = field.obstacles.iter().zip(&self.motions);
+        self.carriers.clear();
+        self.carriers.extend(moving.map(|(o, motion)| motion.map(|m| Carrier::new(o, m, field.planar))));
+    }
+
     /// Velocity [m/s] at `p` [m]; `phase` runs from 0 at the start of the span to 1 at its end.
     #[inline(never)]
     pub fn velocity<L: Lane>(&self, p: [L; 3], phase: L) -> [L; 3] {

@@ -126,20 +126,32 @@ impl Source {
         matches!(self.potential, Potential::Uniform { .. }) && self.masks.is_empty()
     }
 
-    pub(in crate::flow) fn span(
-        &self,
+    /// A span that must be renewed before it is used.
+    pub(in crate::flow) fn unready_span(&self, planar: Option<DVec3>) -> SourceSpan<'_> {
+        SourceSpan {
+            potential: self.potential.span(0.0, 0.0),
+            masks: Vec::new(),
+            planar: planar.filter(|normal| !self.is_planar_noise(*normal)),
+            walls: Vec::new(),
+        }
+    }
+
+    /// Makes `span` the one from `start` [s], lasting `duration` [s], in the memory that it has.
+    pub(in crate::flow) fn renew<'a>(
+        &'a self,
+        span: &mut SourceSpan<'a>,
         obstacles: &[Obstacle],
         motions: &[Option<RigidSpan>],
         planar: Option<DVec3>,
         start: f64,
         duration: f64,
-    ) -> SourceSpan<'_> {
-        let mut span = SourceSpan {
-            potential: self.potential.span(start, duration),
-            masks: self.masks.iter().map(|mask| mask.span(start, duration)).collect(),
-            planar: planar.filter(|normal| !self.is_planar_noise(*normal)),
-            walls: Vec::with_capacity(obstacles.len()),
-        };
+    ) {
+        span.potential = self.potential.span(start, duration);
+        span.masks.clear();
+        span.masks.extend(self.masks.iter().map(|mask| mask.span(start, duration)));
+        // Walls ask for the potential without them.
+        let mut walls = std::mem::take(&mut span.walls);
+        walls.clear();
         for (obstacle, motion) in obstacles.iter().zip(motions) {
             let motion = motion.as_ref();
             let influence = obstacle.influence(self.wanted_influence(obstacle, planar));
@@ -162,9 +174,9 @@ impl Source {
                     }
                 }
             };
-            span.walls.push(SourceWall { influence, gauge, hole });
+            walls.push(SourceWall { influence, gauge, hole });
         }
-        span
+        span.walls = walls;
     }
 }
 

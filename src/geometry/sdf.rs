@@ -7,7 +7,7 @@ use crate::math::dual::Dual;
 use crate::math::jet::{Jet, Scalar};
 use crate::math::real::{Lane, Real, dot, triple};
 use crate::math::space::{Similarity, WorldPoint};
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DMat3, Vec3};
 use std::sync::Arc;
 
 /// The signed distance of a solid in its own space.
@@ -123,24 +123,38 @@ impl PlacedSdf {
             Sdf::Primitive(_) => return self.primitive_jet(p).scalar(),
             Sdf::Mesh(mesh) => mesh,
         };
-        let local = mesh.at(self.to_local(p));
-        let value = local.value * p[0].lit(f64::from(self.placement.scale));
-        if !self.is_turned {
-            return Scalar { value, gradient: local.gradient };
-        }
-        let rows: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation.col(j)[i])));
-        Scalar { value, gradient: triple!(i => dot(rows[i], local.gradient)) }
+        self.to_world(mesh.at(self.to_local(p)))
     }
 
-    /// As [`PlacedSdf::at`] for a single point, without a Hessian on the way.
-    pub fn slope(&self, p: [f64; 3]) -> Scalar<f64> {
-        let Sdf::Primitive(primitive) = &self.sdf else { return self.at(p) };
-        let local = primitive.distance(Dual::point(self.to_local(p)));
-        let value = local.value * f64::from(self.placement.scale);
+    /// As [`PlacedSdf::at`], without a Hessian on the way.
+    #[inline(never)]
+    pub fn slope<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+        p[0].outlined(
+            #[inline(always)]
+            || self.slope_here(p),
+        )
+    }
+
+    #[inline(always)]
+    fn slope_here<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
+        match &self.sdf {
+            Sdf::Primitive(primitive) => {
+                let local = primitive.distance(Dual::point(self.to_local(p)));
+                self.to_world(Scalar { value: local.value, gradient: local.gradient })
+            }
+            Sdf::Mesh(_) => self.at(p),
+        }
+    }
+
+    /// A distance and its gradient in the solid's own space, as they are in the world.
+    #[inline(always)]
+    fn to_world<L: Lane>(&self, local: Scalar<L>) -> Scalar<L> {
+        let value = local.value * local.value.lit(f64::from(self.placement.scale));
         if !self.is_turned {
             return Scalar { value, gradient: local.gradient };
         }
-        Scalar { value, gradient: (self.rotation * DVec3::from_array(local.gradient)).to_array() }
+        let rows: [[L; 3]; 3] = triple!(i => triple!(j => value.lit(self.rotation.col(j)[i])));
+        Scalar { value, gradient: triple!(i => dot(rows[i], local.gradient)) }
     }
 
     /// As [`PlacedSdf::at`] with the Hessian [1/m]; `None` for a sampled distance, whose curvature is not the solid's.

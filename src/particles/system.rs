@@ -3,11 +3,12 @@
 //! A particle's path depends on nothing but its own birth and the field, so a frame computed alone (from the oldest
 //! particle that may still live) is the same to the last bit as at the end of a sequence.
 
-use crate::flow::field::VelocityField;
+use crate::flow::field::{FieldSpan, VelocityField};
 use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
 use crate::particles::emit::{Birth, Emitter};
 use crate::particles::{Particles, ParticlesError};
 use crate::progress::{Progress, Stage};
+use std::sync::Arc;
 
 /// Bits of an identity that hold the index within its emitter.
 const INDEX_BITS: u32 = 44;
@@ -66,7 +67,7 @@ struct Cloud {
 /// Particles in motion.
 #[derive(Debug)]
 pub struct ParticleSystem {
-    field: VelocityField,
+    field: Arc<VelocityField>,
     emitters: Vec<Emitter>,
     grid: TimeGrid,
     scheme: Scheme,
@@ -93,7 +94,7 @@ impl ParticleSystem {
     ) -> Self {
         Self {
             clouds: vec![Cloud::default(); emitters.len()],
-            field,
+            field: Arc::new(field),
             emitters,
             grid,
             scheme,
@@ -166,13 +167,15 @@ impl ParticleSystem {
             }
         };
         progress.begin(Stage::Advect, self.expected_work(step, target));
+        let field = self.field.clone();
+        let mut span = field.span(self.grid.time(step), self.grid.step());
         while step < target {
             if progress.is_cancelled() {
                 progress.end(Stage::Advect);
                 self.step = Some(step);
                 return Err(ParticlesError::Cancelled);
             }
-            progress.advance(self.take_step(step));
+            progress.advance(self.take_step(step, &mut span));
             step += 1;
         }
         self.step = Some(target);
@@ -200,11 +203,12 @@ impl ParticleSystem {
         (from..to).step_by(stride as usize).map(|n| live(n) * stride as f64).sum::<f64>() as u64
     }
 
-    /// Takes all clouds from the beginning of a step to its end; returns the number of particle steps.
-    fn take_step(&mut self, step: i64) -> u64 {
+    /// Takes all clouds from the beginning of a step to its end; returns the number of particle steps. `span` is any of the
+    /// field's, for its memory.
+    fn take_step(&mut self, step: i64, span: &mut FieldSpan) -> u64 {
         let (start, end) = (self.grid.time(step), self.grid.time(step + 1));
         let duration = self.grid.step();
-        let span = self.field.span(start, duration);
+        span.renew(start, duration);
         let mut work = 0;
         for (cloud, emitter) in self.clouds.iter_mut().zip(&self.emitters) {
             let older = cloud.index.len();
@@ -223,7 +227,7 @@ impl ParticleSystem {
             }
             let (all, phases) = (cloud.index.len(), Some(self.phases.as_slice()));
             for (range, phases) in [(0..older, None), (older..all, phases)] {
-                self.penetrations += advance(&span, self.scheme, duration, &mut cloud.position, range, phases);
+                self.penetrations += advance(span, self.scheme, duration, &mut cloud.position, range, phases);
             }
             work += cloud.index.len() as u64;
             cloud.bury(end);

@@ -8,7 +8,7 @@ use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// What a surface does to light. Both sides behave alike.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Material {
     /// How it scatters.
     pub kind: MaterialKind,

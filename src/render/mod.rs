@@ -141,7 +141,9 @@ fn surface_flow(flow: &settings::SurfaceFlow, solid: Arc<PlacedSdf>, time: f64) 
         },
         reprojection: Reprojection::Newton(Repetition { steps: flow.reprojections, tolerance: 0.0 }),
     };
-    SurfaceFlow::new(solid, flow.length_scale, flow.distance + flow.speed * time, trace, Seed(flow.seed))
+    let spacing = flow.cache_spacing.unwrap_or(flow.length_scale / 160.0);
+    let distance = flow.distance + flow.speed * time;
+    SurfaceFlow::new(solid, flow.length_scale, distance, trace, Seed(flow.seed), (spacing > 0.0).then_some(spacing))
 }
 
 fn texture(texture: &settings::Texture, time: f64) -> Texture {

@@ -131,6 +131,11 @@ pub struct SurfaceFlow {
     #[serde(default = "reprojections")]
     #[schemars(range(min = 0, max = 16))]
     pub reprojections: u32,
+    /// Distance between the nodes at which the flow is followed [m]; between them it is interpolated, which is many times
+    /// as fast; filaments finer than this are broken up. 0 follows every point by itself. Default a 160th of `length_scale`.
+    #[serde(default)]
+    #[schemars(range(min = 0.0))]
+    pub cache_spacing: Option<f64>,
     /// Which of the many patterns. Default 0.
     #[serde(default)]
     pub seed: u64,
