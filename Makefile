@@ -24,8 +24,6 @@ gallery:
 	cp out/cloud.0001.png docs/gallery/cloud.png
 	$(CURLSMOKE) render scenes/torus-marble.yaml --frames 48 --resume
 	cp out/torus-marble.0048.png docs/gallery/torus-marble.png
-	$(CURLSMOKE) render scenes/wake.yaml --frames 24 --resume
-	cp out/wake.0024.png docs/gallery/wake.png
 	for scene in lava waterfall; do \
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 24 --resolution 640x360 --spp 320 --resume || exit 1; \
 		cp out/$$scene.0024.png docs/gallery/$$scene.png; \

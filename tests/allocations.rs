@@ -1,4 +1,4 @@
-//! Steps of particles ask for no memory.
+//! The field of the next step of particles asks for no memory.
 
 #![allow(unsafe_code, reason = "an allocator that counts is one")]
 
@@ -70,5 +70,10 @@ flow:
         }
     });
     assert!(found.is_finite() && of_first > 0);
+    // What is renewed is what is new.
+    let fresh = field.span(99.0 * 0.04, 0.04);
+    for p in [[0.1, 0.9, 0.4], [1.2, 1.3, 0.1], [-0.7, 1.1, 0.2], [0.3, 0.1, -0.4]] {
+        assert_eq!(span.velocity(p, 0.3), fresh.velocity(p, 0.3));
+    }
     assert_eq!(of_more, 0, "allocations in 99 steps");
 }

@@ -139,6 +139,32 @@ shapes:
     let geometry = Geometry::build(&scene, &Silent).unwrap();
     let at = |time: f64| render::build_materials(&scene, &geometry.at(time), time);
     let emitted = |time: f64, shape: usize, p: [f32; 3]| at(time)[shape].at(WorldPoint(Vec3::from(p))).emitted.x;
+    // What flows along a surface for a second has gone so far.
+    let flowing = |flow: &str, time: f64| {
+        let Stage { scene, .. } = stage(&format!(
+            "{SMOKE}
+shapes:
+  ball:
+    sphere: {{center: [0, 0, 0], radius: 1}}
+    material: {{diffuse: {{reflectance: [0, 0, 0], emission: {{flow_noise: {{length_scale: 0.2, ramp: [{{at: -1, color: [0, 0, 0]}}, {{at: 1, color: [1, 0, 0]}}]}}}}}}}}
+    surface_flow: {{length_scale: 0.5, seed: 3, {flow}}}
+"
+        ));
+        let geometry = Geometry::build(&scene, &Silent).unwrap();
+        render::build_materials(&scene, &geometry.at(time), time)[0].at(WorldPoint(Vec3::new(0.6, 0.0, 0.8))).emitted.x
+    };
+    let gone = flowing("distance: 0.3, steps: 40, cache_spacing: 0", 0.0);
+    assert_eq!(gone, flowing("distance: 0.1, speed: 0.1, steps: 40, cache_spacing: 0", 2.0));
+    assert!((gone - flowing("distance: 0.3, steps: 40", 0.0)).abs() < 0.02);
+    for other in [
+        "distance: 0",
+        "distance: -0.3",
+        "distance: 0.2",
+        "distance: 0.3, integrator: euler",
+        "distance: 0.3, reprojections: 0",
+    ] {
+        assert_ne!(gone, flowing(&format!("{other}, steps: 40, cache_spacing: 0"), 0.0), "{other}");
+    }
     // A quarter turn about the ball's middle brings what is to its right to its top.
     let (rest, moved) = (emitted(0.0, 0, [1.5, 0.0, 0.1]), emitted(1.0, 0, [1.0, 2.5, 0.1]));
     assert!((rest - moved).abs() < 1e-5 && rest > 0.0, "{rest} {moved}");

@@ -50,6 +50,9 @@ pub enum Verb {
         after_help = "Example: curlsmoke streamlines scenes/ring.yaml -o out/ring.ply --preview out/ring.lines.png"
     )]
     Streamlines(StreamlinesArguments),
+    /// Let a picture flow: warp it by noise that stirs and never thins or folds
+    #[command(after_help = "Example: curlsmoke warp waves.png -o out/warped.png --length 0.3 --distance 0.5")]
+    Warp(WarpArguments),
 }
 
 /// Ways to look at a flow.
@@ -327,6 +330,47 @@ pub struct CompareArguments {
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,
+}
+
+/// Flags of `warp`.
+#[derive(Debug, Args)]
+pub struct WarpArguments {
+    /// The picture (.exr, .hdr, .png)
+    pub image: PathBuf,
+    /// The warped picture: .exr with all channels, or .png
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Size of the swirls, as a share of the picture's shorter edge
+    #[arg(long, value_name = "SHARE", default_value_t = 0.25)]
+    pub length: f64,
+    /// How far things flow (root mean square), as a share of the shorter edge;
+    /// backwards where negative
+    #[arg(long, value_name = "SHARE", default_value_t = 0.25, allow_negative_numbers = true, verbatim_doc_comment)]
+    pub distance: f64,
+    /// Steps that the way is cut into
+    #[arg(long, value_name = "COUNT", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub steps: u32,
+    /// How each step is taken
+    #[arg(long, value_enum, default_value_t = WarpIntegrator::Rk4)]
+    pub integrator: WarpIntegrator,
+    /// How often a point is put back on its line after each step
+    #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=100))]
+    pub reprojections: u32,
+    /// Which swirls
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// How a step is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum WarpIntegrator {
+    /// One evaluation
+    Euler,
+    /// Four: classical Runge–Kutta
+    Rk4,
 }
 
 /// What counts as a difference.

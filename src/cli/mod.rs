@@ -13,6 +13,7 @@ mod render;
 mod signals;
 mod streamlines;
 mod values;
+mod warp;
 
 use crate::cli::args::{Arguments, Verb};
 use crate::error::Error;
@@ -51,6 +52,7 @@ pub fn run() -> u8 {
         Verb::Compare(arguments) => compare::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),
+        Verb::Warp(arguments) => warp::run(&arguments),
     };
     match result {
         Ok(code) => code,

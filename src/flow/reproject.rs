@@ -4,8 +4,9 @@
 use crate::flow::dfvn::{Functions, Slopes, cross};
 use crate::math::real::Lane;
 
-/// Gradients whose angle has a sine below about this are taken for parallel.
-const PARALLEL: f64 = 1e-5;
+/// Gradients whose angle has a sine below about this are taken for parallel: in double precision, and in lanes of single
+/// precision, where less is lost in rounding.
+const PARALLEL: [f64; 2] = [1e-5, 3e-3];
 
 /// How a step is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -180,7 +181,7 @@ fn quotient<L: Lane>(x: L, y: L) -> L {
 #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
 pub fn least_norm<L: Lane, const N: usize>(f: &Slopes<L, N>, targets: &[L; N]) -> [L; N] {
     let zero = targets[0].lit(0.0);
-    let (one, parallel) = (zero.lit(1.0), zero.lit(PARALLEL * PARALLEL));
+    let (one, parallel) = (zero.lit(1.0), zero.lit(PARALLEL[usize::from(L::WIDTH > 1)].powi(2)));
     let m = N - 1;
     let mut lower = [[zero; N]; N];
     let mut is_sound = one;

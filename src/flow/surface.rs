@@ -7,8 +7,9 @@ use crate::flow::simplex::{Simplex, Slope};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
-use crate::math::real::{Lane, triple};
+use crate::math::real::{Lane, dot, triple};
 use glam::{DVec3, UVec3};
+use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
 /// What is left of a gradient of length 1 in the plane of a surface, as a root mean square: √(2/3).
@@ -17,8 +18,10 @@ const IN_PLANE: f64 = 0.816_496_580_927_726;
 const EDGE: u32 = 8;
 /// Nodes along an edge of a block: neighbours have those on their common faces both.
 const NODES: usize = EDGE as usize + 1;
-/// Most blocks along the longest edge of a solid.
+/// Most blocks along the longest edge of a solid: the table of a cube has two million.
 const BLOCKS_MAX: f64 = 128.0;
+/// Bytes of a block.
+const BLOCK_BYTES: u64 = size_of::<Block>() as u64;
 
 /// A flow on the surface of a solid, that has gone on for some time.
 #[derive(Debug)]
@@ -44,35 +47,43 @@ struct Cache {
     spacing: f64,
     /// Blocks along each axis.
     dims: UVec3,
-    blocks: Vec<OnceLock<Box<Ways>>>,
+    blocks: Vec<OnceLock<Box<Block>>>,
 }
 
-/// From each node of a block to where it came from [m], x fastest.
-type Ways = [[f32; 3]; NODES * NODES * NODES];
+/// How ways are cached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CacheSettings {
+    /// Distance between nodes [m], > 0.
+    pub spacing: f64,
+    /// What the cache may need [bytes].
+    pub bytes: u64,
+}
+
+/// Nodes of a part of the lattice.
+#[derive(Debug)]
+struct Block {
+    /// From each node to where it came from [m], x fastest.
+    ways: [[f32; 3]; NODES * NODES * NODES],
+    /// Whether the distance's gradient turns round within the cell that begins at a node, as in a thin plate: what is on
+    /// its two sides flows two ways.
+    is_ridge: [bool; NODES * NODES * NODES],
+}
 
 impl SurfaceFlow {
     /// The flow on `solid` with swirls of size `length` [m], once it has moved things by `distance` [m] in the root mean
     /// square, as long as they keep their speed; backwards where that is negative.
     ///
-    /// Points are followed one by one, or where `spacing` [m] is given, between the nodes of a lattice of that spacing; it
-    /// is made coarser where the solid would have more than a thousand along an edge.
+    /// Points are followed one by one, or with a cache between the nodes of a lattice, unless that would need more than a
+    /// thousand nodes along an edge of the solid or more memory than it may have.
     pub fn new(
         solid: Arc<PlacedSdf>,
         length: f64,
         distance: f64,
         trace: Trace,
         seed: Seed,
-        spacing: Option<f64>,
+        cache: Option<CacheSettings>,
     ) -> Self {
-        let bounds = solid.bounds().filter(|_| distance != 0.0);
-        let cache = spacing.zip(bounds).map(|(spacing, bounds)| {
-            let (min, size) = (bounds.min.as_dvec3(), bounds.size().as_dvec3());
-            let spacing = spacing.max(size.max_element() / (BLOCKS_MAX * f64::from(EDGE)));
-            let dims = (size / (spacing * f64::from(EDGE))).ceil().max(DVec3::ONE).as_uvec3() + 1;
-            let corner = min - 0.5 * spacing * f64::from(EDGE);
-            let blocks = (0..dims.element_product()).map(|_| OnceLock::new()).collect();
-            Cache { corner, spacing, dims, blocks }
-        });
+        let cache = cache.filter(|_| distance != 0.0).and_then(|settings| Cache::new(&solid, settings));
         let track = Track { noise: Simplex::new(length, seed), solid, time: distance / IN_PLANE, trace };
         Self { track, cache }
     }
@@ -106,50 +117,90 @@ impl Functions<3> for Track {
 }
 
 impl Cache {
+    fn new(solid: &PlacedSdf, CacheSettings { spacing, bytes }: CacheSettings) -> Option<Self> {
+        let bounds = solid.bounds()?;
+        let (min, size) = (bounds.min.as_dvec3(), bounds.size().as_dvec3());
+        let edge = spacing * f64::from(EDGE);
+        let counts = (size / edge).ceil().max(DVec3::ONE) + 1.0;
+        if counts.max_element() > BLOCKS_MAX {
+            return None;
+        }
+        let (dims, corner) = (counts.as_uvec3(), min - 0.5 * edge);
+        let table: u64 = dims.element_product().into();
+        // Blocks that the surface may pass through.
+        let reach = 0.5 * 3f64.sqrt() * edge + off_the_surface(solid);
+        let is_near = |i: &u32| {
+            let block = UVec3::new(i % dims.x, i / dims.x % dims.y, i / dims.x / dims.y).as_dvec3();
+            solid.distance((corner + (block + 0.5) * edge).to_array()).abs() <= reach
+        };
+        let blocks = (0..dims.element_product()).into_par_iter().filter(is_near).count() as u64;
+        if blocks * BLOCK_BYTES + table * size_of::<OnceLock<Box<Block>>>() as u64 > bytes {
+            return None;
+        }
+        let blocks = (0..table).map(|_| OnceLock::new()).collect();
+        Some(Self { corner, spacing, dims, blocks })
+    }
+
     fn origin(&self, track: &Track, p: [f64; 3]) -> [f64; 3] {
         let place = (DVec3::from_array(p) - self.corner) / self.spacing;
         let last = (self.dims * EDGE - 1).as_dvec3();
         let cell = place.floor().clamp(DVec3::ZERO, last);
         let block = cell.as_uvec3() / EDGE;
         let index = (block.z * self.dims.y + block.y) * self.dims.x + block.x;
-        let ways = self.blocks[index as usize].get_or_init(|| self.fill(track, block));
+        let Block { ways, is_ridge } = &**self.blocks[index as usize].get_or_init(|| self.fill(track, block));
         let first = cell.as_uvec3() % EDGE;
+        if is_ridge[node_index(first)] {
+            return track.origin(p);
+        }
         let t = place - cell;
         let mut way = DVec3::ZERO;
         for corner in 0..8u32 {
             let bit = UVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
-            let node = (first + bit).to_array().map(|i| i as usize);
             let share = bit.as_dvec3() * t + (1 - bit).as_dvec3() * (1.0 - t);
-            let of_node = ways[(node[2] * NODES + node[1]) * NODES + node[0]];
+            let of_node = ways[node_index(first + bit)];
             way += DVec3::from_array(of_node.map(f64::from)) * share.element_product();
         }
         (DVec3::from_array(p) + way).to_array()
     }
 
-    fn fill(&self, track: &Track, block: UVec3) -> Box<Ways> {
-        let mut ways = Box::new([[0.0; 3]; NODES * NODES * NODES]);
-        let axis = |axis: usize, stride: usize| -> Vec<f32> {
-            let first = self.corner[axis] + f64::from(block[axis] * EDGE) * self.spacing;
-            let nodes = (0..ways.len()).map(|i| first + (i / stride % NODES) as f64 * self.spacing);
-            nodes.map(|x| x as f32).collect()
+    fn fill(&self, track: &Track, block: UVec3) -> Box<Block> {
+        let mut filled =
+            Box::new(Block { ways: [[0.0; 3]; NODES * NODES * NODES], is_ridge: [false; NODES * NODES * NODES] });
+        let first = self.corner + (block * EDGE).as_dvec3() * self.spacing;
+        let place = |i: usize| {
+            let node = UVec3::new((i % NODES) as u32, (i / NODES % NODES) as u32, (i / NODES / NODES) as u32);
+            (first + node.as_dvec3() * self.spacing).as_vec3()
         };
-        let nodes = [axis(0, 1), axis(1, NODES), axis(2, NODES * NODES)];
-        // No cell with a point of the surface has a node further away than its diagonal. The points of a mesh are off their
-        // sampled distance by less than the distance between its samples.
-        let off = match track.solid.sdf() {
-            Sdf::Primitive(_) => 0.0,
-            Sdf::Mesh(mesh) => mesh.spacing() * f64::from(track.solid.placement().scale),
-        };
-        let reach = 1.01 * 3f64.sqrt() * self.spacing + off;
-        let is_near = |&i: &usize| track.solid.distance([0, 1, 2].map(|a| f64::from(nodes[a][i]))).abs() <= reach;
-        let near: Vec<usize> = (0..ways.len()).filter(is_near).collect();
-        let nodes = [0, 1, 2].map(|a| near.iter().map(|&i| nodes[a][i]).collect());
+        let slopes: Vec<_> =
+            (0..filled.ways.len()).map(|i| track.solid.slope(place(i).to_array().map(f64::from))).collect();
+        // No cell with a point of the surface has a node further away than its diagonal.
+        let reach = 1.01 * 3f64.sqrt() * self.spacing + off_the_surface(&track.solid);
+        let near: Vec<usize> = (0..slopes.len()).filter(|&i| slopes[i].value.abs() <= reach).collect();
+        let nodes = [0, 1, 2].map(|axis| near.iter().map(|&i| place(i)[axis]).collect());
         let mut found = vec![[0.0; 3]; near.len()];
         run_kernel(Fill { track, nodes: &nodes, ways: &mut found });
-        for (i, way) in near.into_iter().zip(found) {
-            ways[i] = way;
+        for (&i, way) in near.iter().zip(found) {
+            filled.ways[i] = way;
         }
-        ways
+        for cell in (0..EDGE.pow(3)).map(|i| UVec3::new(i % EDGE, i / EDGE % EDGE, i / EDGE / EDGE)) {
+            let away =
+                |corner: u32| slopes[node_index(cell + UVec3::new(corner & 1, corner >> 1 & 1, corner >> 2))].gradient;
+            filled.is_ridge[node_index(cell)] = (1..8).any(|corner| dot(away(0), away(corner)) < 0.0);
+        }
+        filled
+    }
+}
+
+/// Place of a node in its block.
+fn node_index(node: UVec3) -> usize {
+    (node.z as usize * NODES + node.y as usize) * NODES + node.x as usize
+}
+
+/// How far the surface that light meets may be from where the distance is 0 [m]: of a mesh the distance is sampled.
+fn off_the_surface(solid: &PlacedSdf) -> f64 {
+    match solid.sdf() {
+        Sdf::Primitive(_) => 0.0,
+        Sdf::Mesh(mesh) => mesh.spacing() * f64::from(solid.placement().scale),
     }
 }
 
@@ -278,7 +329,10 @@ mod tests {
         for solid in solids() {
             let trace =
                 Trace { steps: 48, integrator: Integrator::RungeKutta, reprojection: Reprojection::Newton(ONCE) };
-            let make = |spacing| SurfaceFlow::new(solid.clone(), 0.5, 0.5, trace, Seed(4), spacing);
+            let make = |spacing: Option<f64>| {
+                let cache = spacing.map(|spacing| CacheSettings { spacing, bytes: 1 << 30 });
+                SurfaceFlow::new(solid.clone(), 0.5, 0.5, trace, Seed(4), cache)
+            };
             let (exact, error_of) = (make(None), |spacing: f64, rng: &mut CounterRng| {
                 let flow = make(Some(spacing));
                 let mut errors: Vec<f64> = (0..300)
@@ -296,6 +350,45 @@ mod tests {
             println!("median and 95 % error: {coarse:?} m with 20 mm, {fine:?} m with 5 mm");
             // Of second order. Near the saddles of the flow ways part at once, which no lattice follows.
             assert!(fine.0 < 0.12 * coarse.0 && fine.0 < 2e-3 && fine.1 < 0.4 * coarse.1, "{coarse:?} {fine:?}");
+        }
+    }
+
+    #[test]
+    fn the_two_faces_of_a_thin_plate_do_not_mix_and_caches_that_are_too_large_are_not_made() {
+        let thin = Cuboid { center: DVec3::ZERO, half_size: DVec3::new(1.0, 0.001, 1.0), rounding: 0.0 };
+        let plate = Arc::new(PlacedSdf::new(Sdf::Primitive(Primitive::Cuboid(thin)), Similarity::IDENTITY));
+        let trace = Trace { steps: 32, integrator: Integrator::RungeKutta, reprojection: Reprojection::Newton(ONCE) };
+        let make = |cache| SurfaceFlow::new(plate.clone(), 0.6, 0.2, trace, Seed(4), cache);
+        let (exact, cached) = (make(None), make(Some(CacheSettings { spacing: 0.004, bytes: 1 << 30 })));
+        assert!(cached.cache.is_some());
+        let mut rng = CounterRng::new(Seed(6));
+        let mut moved = 0;
+        for _ in 0..100 {
+            let [x, z] = [0, 1].map(|_| f64::from(rng.uniform()) * 1.8 - 0.9);
+            let p = [x, 0.001, z];
+            let (a, b) = (DVec3::from_array(exact.origin(p)), DVec3::from_array(cached.origin(p)));
+            assert!((a - b).length() < 1e-4, "{a} {b}");
+            moved += usize::from((a - DVec3::from_array(p)).length() > 0.02);
+        }
+        assert!(moved > 50);
+        assert!(make(Some(CacheSettings { spacing: 0.001, bytes: 1 << 40 })).cache.is_none());
+        assert!(make(Some(CacheSettings { spacing: 0.004, bytes: 1 << 20 })).cache.is_none());
+    }
+
+    #[test]
+    fn things_flow_along_the_product_of_the_gradients() {
+        let (mut rng, torus) = (CounterRng::new(Seed(7)), solids()[0].clone());
+        let trace = Trace { steps: 1, integrator: Integrator::Euler, reprojection: Reprojection::None };
+        let flow = SurfaceFlow::new(torus.clone(), 0.5, 1e-4, trace, Seed(4), None);
+        for _ in 0..20 {
+            let p = on_surface(&torus, &mut rng);
+            let (f, d) = (flow.track.noise.at(p), torus.slope(p));
+            let along = crate::math::real::cross(f.gradient, d.gradient);
+            let origin = flow.origin(p);
+            for i in 0..3 {
+                // What is here now came from where the flow comes from.
+                assert!((origin[i] - (p[i] - 1e-4 / IN_PLANE * along[i])).abs() < 1e-12);
+            }
         }
     }
 

@@ -119,7 +119,7 @@ impl PlacedSdf {
     #[inline(always)]
     fn at_here<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
         let mesh = match &self.sdf {
-            // The Hessian comes along for nothing, which costs less than a second copy of all formulas.
+            // The Hessian comes along for nothing; walls ask for it next, most often.
             Sdf::Primitive(_) => return self.primitive_jet(p).scalar(),
             Sdf::Mesh(mesh) => mesh,
         };

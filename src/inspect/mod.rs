@@ -12,6 +12,7 @@ pub mod slice;
 pub mod slice_picture;
 pub mod stream;
 pub mod streamlines;
+pub mod warp;
 
 use crate::flow::VelocityField;
 use crate::geometry::Geometry;

@@ -19,7 +19,7 @@ pub mod tiles;
 pub mod tracking;
 
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
-use crate::flow::surface::SurfaceFlow;
+use crate::flow::surface::{CacheSettings, SurfaceFlow};
 use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
 use crate::geometry::sdf::PlacedSdf;
@@ -120,21 +120,27 @@ pub fn build_world(scene: &Scene, geometry: &Geometry, time: f64, load: LoadPict
 /// The material of each shape, with textures as they are at a time [s]; `geometry` is where shapes are at that time.
 pub fn build_materials(scene: &Scene, geometry: &Geometry, time: f64) -> Vec<Material> {
     let shapes = scene.settings.shapes.values().zip(&geometry.shapes);
+    // A quarter of all memory for all of them.
+    let flows = scene.settings.shapes.values().filter(|shape| shape.surface_flow.is_some()).count().max(1);
+    let cache_bytes = (scene.settings.render.memory_limit_gib * f64::from(1 << 28)) as u64 / flows as u64;
     shapes
         .map(|(shape, placed)| {
             let settings::Material::Diffuse(diffuse) = &shape.material;
             let reflectance = texture(&diffuse.reflectance, time);
             let emission = (!diffuse.emission.is_black()).then(|| texture(&diffuse.emission, time));
             let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
-            let flow = flow.map(|(flow, solid)| surface_flow(flow, solid.clone(), time));
+            let flow = flow.map(|(flow, solid)| surface_flow(flow, solid.clone(), time, cache_bytes));
             Material { kind: MaterialKind::Diffuse { reflectance }, emission, moved: placed.moved, flow }
         })
         .collect()
 }
 
-fn surface_flow(flow: &settings::SurfaceFlow, solid: Arc<PlacedSdf>, time: f64) -> SurfaceFlow {
+fn surface_flow(flow: &settings::SurfaceFlow, solid: Arc<PlacedSdf>, time: f64, cache_bytes: u64) -> SurfaceFlow {
+    let distance = flow.distance + flow.speed * time;
+    // So many to a swirl.
+    let steps = (16.0 * distance.abs() / flow.length_scale).ceil().clamp(16.0, 4096.0) as u32;
     let trace = Trace {
-        steps: flow.steps,
+        steps: flow.steps.unwrap_or(steps),
         integrator: match flow.integrator {
             settings::SurfaceIntegrator::Euler => Integrator::Euler,
             settings::SurfaceIntegrator::Rk4 => Integrator::RungeKutta,
@@ -142,8 +148,8 @@ fn surface_flow(flow: &settings::SurfaceFlow, solid: Arc<PlacedSdf>, time: f64) 
         reprojection: Reprojection::Newton(Repetition { steps: flow.reprojections, tolerance: 0.0 }),
     };
     let spacing = flow.cache_spacing.unwrap_or(flow.length_scale / 160.0);
-    let distance = flow.distance + flow.speed * time;
-    SurfaceFlow::new(solid, flow.length_scale, distance, trace, Seed(flow.seed), (spacing > 0.0).then_some(spacing))
+    let cache = (spacing > 0.0).then_some(CacheSettings { spacing, bytes: cache_bytes });
+    SurfaceFlow::new(solid, flow.length_scale, distance, trace, Seed(flow.seed), cache)
 }
 
 fn texture(texture: &settings::Texture, time: f64) -> Texture {

@@ -19,7 +19,8 @@ impl Check<'_, '_, '_> {
             };
             for (channel, &share) in color.iter().enumerate().filter(|(_, share)| **share > 1.0) {
                 let message = format!("must be from 0 to 1, found {}: no more is reflected than comes", decimal(share));
-                self.error(&format!("{key}[{channel}]"), &key, message);
+                let key = format!("{key}[{channel}]");
+                self.error(&key, &key, message);
             }
         }
         self.texture(&format!("{key}.diffuse.emission"), &diffuse.emission);

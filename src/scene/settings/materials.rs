@@ -114,16 +114,17 @@ pub struct SurfaceFlow {
     /// Size of the swirls [m].
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub length_scale: f64,
-    /// How far things have been carried at time 0 [m], as a root mean square; backwards where negative. Default 0.
+    /// How far things have been carried at time 0 [m]: the length of their ways at the root mean square speed; backwards
+    /// where negative. Default 0.
     #[serde(default)]
     pub distance: f64,
     /// How much farther each second [m/s]. Default 0.
     #[serde(default)]
     pub speed: f64,
-    /// Steps that the way is cut into. Default 32.
-    #[serde(default = "surface_steps")]
+    /// Steps that the way is cut into. Default 16 for each `length_scale` of the way, at least 16 and at most 4096.
+    #[serde(default)]
     #[schemars(range(min = 1, max = 4096))]
-    pub steps: u32,
+    pub steps: Option<u32>,
     /// How each step is taken. Default rk4.
     #[serde(default)]
     pub integrator: SurfaceIntegrator,
@@ -132,7 +133,9 @@ pub struct SurfaceFlow {
     #[schemars(range(min = 0, max = 16))]
     pub reprojections: u32,
     /// Distance between the nodes at which the flow is followed [m]; between them it is interpolated, which is many times
-    /// as fast; filaments finer than this are broken up. 0 follows every point by itself. Default a 160th of `length_scale`.
+    /// as fast from some dozen paths a pixel on; filaments finer than this are broken up. 0 follows every point by itself,
+    /// and so do shapes of more than a thousand nodes along an edge, or whose nodes would need more than a quarter of
+    /// `render.memory_limit_gib`. Default a 160th of `length_scale`.
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub cache_spacing: Option<f64>,
@@ -150,10 +153,6 @@ pub enum SurfaceIntegrator {
     /// Four evaluations a step: classical Runge–Kutta.
     #[default]
     Rk4,
-}
-
-fn surface_steps() -> u32 {
-    32
 }
 
 fn reprojections() -> u32 {

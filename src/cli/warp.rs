@@ -1,0 +1,59 @@
+//! `curlsmoke warp`.
+
+use crate::cli::args::{WarpArguments, WarpIntegrator};
+use crate::cli::print_result;
+use crate::error::Error;
+use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
+use crate::inspect::warp::Warp;
+use crate::math::hash::Seed;
+use crate::output::exr::{self, Compression};
+use crate::output::file::{check_writable, write_atomic};
+use crate::output::png::{self, View};
+use crate::output::read_image;
+
+/// Least size of swirls: smaller ones are no picture.
+const LENGTH_MIN: f64 = 1e-4;
+/// Furthest way.
+const DISTANCE_MAX: f64 = 1e4;
+
+/// Warps; the exit code.
+pub(super) fn run(arguments: &WarpArguments) -> Result<u8, Error> {
+    let usage = |text: String| Err(Error::Usage(text));
+    if !(LENGTH_MIN..=1e6).contains(&arguments.length) {
+        return usage(format!("--length {}: write a share from {LENGTH_MIN} to 1000000", arguments.length));
+    }
+    if !(-DISTANCE_MAX..=DISTANCE_MAX).contains(&arguments.distance) {
+        return usage(format!(
+            "--distance {}: write a share from -{DISTANCE_MAX} to {DISTANCE_MAX}",
+            arguments.distance
+        ));
+    }
+    let ending = arguments.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if !["exr", "png"].contains(&ending.as_str()) {
+        return usage(format!("--output {}: the name must end in .exr or .png", arguments.output.display()));
+    }
+    check_writable(&arguments.output)?;
+    let image = read_image(&arguments.image, arguments.memory_limit.bytes())?;
+    let trace = Trace {
+        steps: arguments.steps,
+        integrator: match arguments.integrator {
+            WarpIntegrator::Euler => Integrator::Euler,
+            WarpIntegrator::Rk4 => Integrator::RungeKutta,
+        },
+        reprojection: Reprojection::Newton(Repetition { steps: arguments.reprojections, tolerance: 0.0 }),
+    };
+    let warp = Warp { length: arguments.length, distance: arguments.distance, trace, seed: Seed(arguments.seed) };
+    let warped = warp.apply(&image);
+    let bytes = if ending == "exr" {
+        exr::write(&warped, Compression::Zip)?
+    } else {
+        let Some(rgb) = warped.to_rgb("") else {
+            let name = arguments.image.display();
+            return usage(format!("{name}: has no channels R, G and B for a .png; write an .exr"));
+        };
+        png::encode(&rgb, warped.data_size, View::Standard, 0.0)?
+    };
+    write_atomic(&arguments.output, &bytes)?;
+    let [width, height] = warped.data_size;
+    print_result(&format!("{}: {width} × {height} pixels", arguments.output.display())).map(|()| 0)
+}
