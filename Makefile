@@ -3,9 +3,9 @@ CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
 .PHONY: plume test gallery flow-pictures refs bench
 
-# Fetches what is missing while it builds.
+# Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
-	./bootstrap.sh & fetching=$$!; cargo build --release --bin curlsmoke && wait $$fetching
+	nice -n 19 ./bootstrap.sh & fetching=$$!; cargo build --release --bin curlsmoke && wait $$fetching
 	$(CURLSMOKE) render scenes/plume.yaml --resume
 
 test:

@@ -39,9 +39,17 @@ impl<const N: usize> Simplex<N> {
     }
 
     /// Value and gradient at a point.
+    #[inline(never)]
+    pub fn at<L: Lane>(&self, p: [L; N]) -> Slope<L, N> {
+        p[0].outlined(
+            #[inline(always)]
+            || self.at_here(p),
+        )
+    }
+
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn at<L: Lane>(&self, p: [L; N]) -> Slope<L, N> {
+    fn at_here<L: Lane>(&self, p: [L; N]) -> Slope<L, N> {
         let like = p[0];
         let (zero, one) = (like.lit(0.0), like.lit(1.0));
         let n = N as f64;
