@@ -343,7 +343,7 @@ pub struct WarpArguments {
     /// Size of the swirls, as a share of the picture's shorter edge
     #[arg(long, value_name = "SHARE", default_value_t = 0.25)]
     pub length: f64,
-    /// How far things flow (root mean square), as a share of the shorter edge;
+    /// Length of ways at the root mean square speed, as a share of the shorter edge;
     /// backwards where negative
     #[arg(long, value_name = "SHARE", default_value_t = 0.25, allow_negative_numbers = true, verbatim_doc_comment)]
     pub distance: f64,
