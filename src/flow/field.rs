@@ -168,14 +168,23 @@ impl FieldSpan<'_> {
 
     #[inline(always)]
     fn velocity_here<L: Lane>(&self, p: [L; 3], phase: L) -> [L; 3] {
-        let near = NearWalls::find(&self.field.obstacles, &self.motions, p, phase, self.field.notice);
+        let mut near = NearWalls::none();
+        if !self.field.obstacles.is_empty() {
+            near.find(&self.field.obstacles, &self.motions, p, phase, self.field.notice);
+        }
         let zero = phase.lit(0.0);
         let mut velocity = [zero; 3];
         let mut drift = Drift::none(phase);
         for source in &self.sources {
             let psi = source.carried_psi(p, phase, &mut drift);
-            let mut kept = psi;
             let mut first = 0;
+            if near.obstacle(first).is_none() {
+                // No copy of what no wall bends.
+                let v = source.velocity(&psi, &psi);
+                velocity = triple!(i => velocity[i] + v[i]);
+                continue;
+            }
+            let mut kept = psi;
             while let Some(obstacle_idx) = near.obstacle(first) {
                 let influence = source.walls[obstacle_idx].influence;
                 let (found, next) = near.near_obstacle(first, influence);

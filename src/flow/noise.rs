@@ -1,9 +1,9 @@
 //! Three gradient noises at once, with analytic derivatives: the vector potential of random swirls.
 //!
 //! Perlin 2002 (*Improving Noise*) with its quintic weight, so that value, gradient and second derivatives are
-//! continuous and the velocity is C¹. Each lattice point has, instead of a gradient from a table, a random rotation
+//! continuous and the velocity is C¹. Each lattice point has, instead of a gradient from a table, one of 128 frames
 //! hashed from its coordinates, whose axes are the gradients of the three components (see [`crate::flow::flow_noise`]):
-//! the components share corner weights and hash, and are uncorrelated by random signs.
+//! the components share corner weights and hash, and are uncorrelated.
 
 use crate::flow::flow_noise::{LatticeFrame, Spin, sin_cos_quarter};
 use crate::flow::potential::Psi;
@@ -20,7 +20,7 @@ pub const RMS_SPEED: f64 = 1.220_077_940_7;
 
 /// Root mean square of |∇f × ∇g| for f and g from [`noise_pair`], averaged over a cell; measured, to a
 /// thousandth. While evolving noise changes from pattern to pattern it is up to 2 % less.
-pub const RMS_BITANGENT: f64 = 0.643_4;
+pub const RMS_BITANGENT: f64 = 0.644_2;
 
 /// Odd multipliers of the lattice coordinates: large primes without structure among their sums.
 const STRIDE: [u32; 3] = [0x9E37_79B1, 0x85EB_CA77, 0xC2B2_AE3D];

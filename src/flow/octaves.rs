@@ -277,12 +277,17 @@ impl OctaveSpan {
                 evolving_noise(q, self.cell, octave.seed, *step, time)
             }
         };
-        let unit = match octave.form {
-            Form::Planar(normal) => self.planar(&unit, normal),
-            Form::Curl => unit,
-            Form::Bitangent => return self.pair(&unit, &to_lattice),
-        };
-        let amplitude = phase.lit(octave.amplitude);
+        match octave.form {
+            Form::Curl => self.scaled(&unit, &to_lattice),
+            Form::Planar(normal) => self.scaled(&self.planar(&unit, normal), &to_lattice),
+            Form::Bitangent => self.pair(&unit, &to_lattice),
+        }
+    }
+
+    /// [m²/s] from unit noise, differentiated along the axes of the world.
+    #[inline(always)]
+    fn scaled<L: Lane>(&self, unit: &Psi<L>, to_lattice: &[[L; 3]; 3]) -> Psi<L> {
+        let amplitude = unit.value[0].lit(self.octave.amplitude);
         let scaled: [[L; 3]; 3] = triple!(j => triple!(i => to_lattice[j][i] * amplitude));
         Psi {
             value: triple!(c => unit.value[c] * amplitude),

@@ -230,7 +230,9 @@ impl SourceSpan<'_> {
     pub(in crate::flow) fn carried_psi<L: Lane>(&self, p: [L; 3], phase: L, drift: &mut Drift<L>) -> Psi<L> {
         let PotentialSpan::Octave(octave) = &self.potential else { return self.psi(p, phase) };
         if !octave.octave().has_memory() {
-            return self.psi(p, phase);
+            // Most noise is plain: it need not be handed on once more.
+            let is_plain = self.planar.is_none() && self.masks.is_empty();
+            return if is_plain { octave.psi(p, phase) } else { self.psi(p, phase) };
         }
         if octave.octave().is_largest() {
             *drift = Drift::none(phase);

@@ -50,20 +50,25 @@ pub struct NearObstacle<L> {
 }
 
 impl<L: Lane> NearWalls<L> {
-    /// Finds the walls whose distance at `p` is below `notice` [m] in any lane. `motions` has that of each obstacle, and
-    /// `phase` says how far on it is.
+    /// No walls.
+    #[inline(always)]
+    pub fn none() -> Self {
+        Self { inline: [None; INLINE], spilled: Vec::new(), count: 0 }
+    }
+
+    /// Adds the walls whose distance at `p` is below `notice` [m] in any lane. `motions` has that of each obstacle, and
+    /// `phase` says how far on it is. In place, for walls are kilobytes.
     #[inline(never)]
-    pub fn find(obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) -> Self {
+    pub fn find(&mut self, obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) {
         p[0].outlined(
             #[inline(always)]
-            || Self::find_here(obstacles, motions, p, phase, notice),
-        )
+            || self.find_here(obstacles, motions, p, phase, notice),
+        );
     }
 
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn find_here(obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) -> Self {
-        let mut walls = Self { inline: [None; INLINE], spilled: Vec::new(), count: 0 };
+    fn find_here(&mut self, obstacles: &[Obstacle], motions: &[Option<RigidSpan>], p: [L; 3], phase: L, notice: f64) {
         for obstacle_idx in 0..obstacles.len() {
             let (obstacle, motion) = (&obstacles[obstacle_idx], motions[obstacle_idx].as_ref());
             let ground_idx = obstacle.ground().map(|ground| ground.solid_idx);
@@ -76,17 +81,16 @@ impl<L: Lane> NearWalls<L> {
                     continue;
                 }
                 let (is_ground, boundary) = (ground_idx == Some(solid_idx), obstacle.boundary());
-                walls.push(NearWall { obstacle_idx, is_ground, distance, normal, boundary, room: None });
+                self.push(NearWall { obstacle_idx, is_ground, distance, normal, boundary, room: None });
             }
         }
         // Not `count > 1`: which walls are near depends on the whole batch, and no lane may depend on its neighbours.
         if obstacles.len() > 1 {
-            for i in 0..walls.count {
-                let room = walls.room(i, notice);
-                walls.at_mut(i).room = Some(room);
+            for i in 0..self.count {
+                let room = self.room(i, notice);
+                self.at_mut(i).room = Some(room);
             }
         }
-        walls
     }
 
     /// The obstacle of the walls that begin with number `first`; `None` after the last.
