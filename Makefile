@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery flow-pictures refs bench
+.PHONY: plume test gallery flow-pictures paper-tables refs bench
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -37,6 +37,10 @@ flow-pictures:
 		$(CURLSMOKE) flow slice $$scene -o out/flow/$$(basename $$scene .yaml).png || exit 1; \
 	done
 	cp out/flow/*.png docs/flow/
+
+# docs/paper-tables.md and its pictures: minutes of all processors.
+paper-tables:
+	cargo run --release --quiet --example paper_tables
 
 # Remakes the references of the image tests: make refs REASON="what changed, and why the pictures should"
 refs:

@@ -4,7 +4,7 @@
 //! Data flows left to right, and a module imports only from modules to its left:
 //!
 //! ```text
-//! math · progress | scene → geometry → flow → particles → grid → render → output → inspect | error → pipeline → cli → main
+//! math · progress | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → cli → main
 //! ```
 
 pub mod math;
@@ -15,6 +15,8 @@ pub mod scene;
 pub mod geometry;
 
 pub mod flow;
+
+pub mod points;
 
 pub mod particles;
 

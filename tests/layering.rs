@@ -4,12 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From left to right; a module imports only from modules to its left.
-const ORDER: [&str; 13] = [
+const ORDER: [&str; 14] = [
     "math",
     "progress",
     "scene",
     "geometry",
     "flow",
+    "points",
     "particles",
     "grid",
     "render",
@@ -21,7 +22,7 @@ const ORDER: [&str; 13] = [
 ];
 
 /// Stages whose files take typed values; only their `mod.rs` may know what a scene says.
-const SCENE_BLIND: [&str; 7] = ["geometry", "flow", "particles", "grid", "render", "output", "inspect"];
+const SCENE_BLIND: [&str; 8] = ["geometry", "flow", "points", "particles", "grid", "render", "output", "inspect"];
 
 /// The only place for foreign code.
 const UNSAFE: &str = "geometry/embree/";

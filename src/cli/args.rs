@@ -53,6 +53,9 @@ pub enum Verb {
     /// Let a picture flow: warp it by noise that stirs and never thins or folds
     #[command(after_help = "Example: curlsmoke warp waves.png -o out/warped.png --length 0.3 --distance 0.5")]
     Warp(WarpArguments),
+    /// Make points of a cube in two to seven dimensions, and tell how evenly they are spread
+    #[command(after_help = "Example: curlsmoke points --dim 3 --per-axis 20 -o out/points.ply --plot out/points.png")]
+    Points(PointsArguments),
 }
 
 /// Ways to look at a flow.
@@ -362,6 +365,70 @@ pub struct WarpArguments {
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,
+}
+
+/// Flags of `points`.
+#[derive(Debug, Args)]
+pub struct PointsArguments {
+    /// Dimensions of the cube
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u8).range(2..=7))]
+    pub dim: u8,
+    /// How points are chosen
+    #[arg(long, value_enum, default_value_t = PointsMethod::Curl)]
+    pub method: PointsMethod,
+    /// Lattice points along each axis; without a lattice as many points in all
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub per_axis: u32,
+    /// Where to write: .csv, .npy or .ply, with #### for the frame of --frames
+    #[arg(short, long, value_name = "FILE")]
+    pub output: String,
+    /// Draw the radial distribution function, to a .png file
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+    /// Which of many sets
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// curl: size of the noise in lattice spacings [default: the best by measurement]
+    #[arg(long, value_name = "SPACINGS")]
+    pub length: Option<f64>,
+    /// curl: how far points move, in mean distances to the neighbours on the lattice, at
+    /// the root mean square of the noise's gradients [default: the best by measurement]
+    #[arg(long, value_name = "DISTANCES", verbatim_doc_comment)]
+    pub step: Option<f64>,
+    /// curl: keep points in a ball of this radius in the middle of the cube (edges of
+    /// the cube); only those that begin in it are made
+    #[arg(long, value_name = "RADIUS", verbatim_doc_comment)]
+    pub ball: Option<f64>,
+    /// curl: how deep below the wall of the ball noise is free [default: 0.8 of its radius]
+    #[arg(long, value_name = "DEPTH", requires = "ball")]
+    pub fade: Option<f64>,
+    /// curl: frames of an animation, each to a file of its own
+    #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
+    pub frames: Option<String>,
+    /// curl: how far the noise moves from frame to frame, in lattice spacings
+    #[arg(long, value_name = "SPACINGS", default_value_t = 0.005, requires = "frames")]
+    pub speed: f64,
+    /// poisson: least distance between points [default: one lattice spacing]
+    #[arg(long, value_name = "DISTANCE")]
+    pub radius: Option<f64>,
+    /// Refuse what needs more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// How points of a cube are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PointsMethod {
+    /// A lattice moved along divergence-free vector noise
+    Curl,
+    /// A lattice, each point anywhere in its cell
+    Jitter,
+    /// At random, but none closer to another than a radius
+    Poisson,
+    /// The sequence of Sobol', scrambled; the nearest power of two of points
+    Sobol,
+    /// A lattice as it is
+    Lattice,
 }
 
 /// How a step is taken.

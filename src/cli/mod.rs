@@ -8,6 +8,7 @@ mod compare;
 mod flow;
 mod frames;
 mod places;
+mod points;
 pub mod progress;
 mod render;
 mod signals;
@@ -53,6 +54,7 @@ pub fn run() -> u8 {
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),
         Verb::Warp(arguments) => warp::run(&arguments),
+        Verb::Points(arguments) => points::run(&arguments),
     };
     match result {
         Ok(code) => code,

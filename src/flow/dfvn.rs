@@ -118,8 +118,13 @@ pub fn field<L: Lane, const N: usize>(functions: &impl Functions<N>, p: [L; N]) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::flow::bounded::{Ball, Bounded, BoundedByBall};
+    use crate::geometry::primitive::{Primitive, Torus};
+    use crate::geometry::sdf::{PlacedSdf, Sdf};
     use crate::math::dual::Dual;
     use crate::math::hash::{CounterRng, Seed};
+    use crate::math::space::Similarity;
+    use glam::DVec3;
 
     fn random<const N: usize>(rng: &mut CounterRng, size: f64) -> [f64; N] {
         std::array::from_fn(|_| (f64::from(rng.uniform()) - 0.5) * size)
@@ -210,6 +215,32 @@ mod tests {
 
     fn noises<const N: usize, const M: usize>() -> [Simplex<N>; M] {
         std::array::from_fn(|i| Simplex::new(0.8, Seed(40 + i as u64)))
+    }
+
+    fn in_a_ball<const N: usize>() -> BoundedByBall<Simplex<N>, N> {
+        let inner = std::array::from_fn(|i| Simplex::new(0.8, Seed(60 + i as u64)));
+        BoundedByBall { inner, bound: Some((Ball { center: [0.1; N], radius: 1.2 }, 0.9)) }
+    }
+
+    #[test]
+    fn walls_make_no_divergence_in_any_dimension() {
+        let torus = Torus { center: DVec3::ZERO, axis: DVec3::Y, major_radius: 1.0, minor_radius: 0.4 };
+        let torus = PlacedSdf::new(Sdf::Primitive(Primitive::Torus(torus)), Similarity::IDENTITY);
+        let noise = |seed| Simplex::<3>::new(0.8, Seed(seed));
+        let along = (noise(1), torus.clone());
+        let inside = (noise(1), Bounded { distance: torus, inner: noise(2), width: 0.3 });
+        let found = [
+            relative_divergence::<2>(&in_a_ball(), 2.0),
+            relative_divergence::<3>(&in_a_ball(), 2.0),
+            relative_divergence::<4>(&in_a_ball(), 2.0),
+            relative_divergence::<5>(&in_a_ball(), 2.0),
+            relative_divergence::<6>(&in_a_ball(), 2.0),
+            relative_divergence::<7>(&in_a_ball(), 2.0),
+            relative_divergence::<3>(&along, 2.5),
+            relative_divergence::<3>(&inside, 2.5),
+        ];
+        println!("|∇·c| over RMS |∇c|: in balls of 2 to 7 dimensions, along a torus, in a torus {found:?}");
+        assert!(found.iter().all(|worst| *worst < 1e-12), "{found:?}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Divergence-free velocity: the curl of potentials that are bent round obstacles.
 
+pub mod bounded;
 pub mod curl;
 pub mod dfvn;
 pub mod elements;

@@ -108,11 +108,7 @@ impl Track {
 impl Functions<3> for Track {
     #[inline(always)]
     fn one<L: Lane>(&self, i: usize, p: [L; 3]) -> Slope<L, 3> {
-        if i == 0 {
-            return Function::at(&self.noise, p);
-        }
-        let found = self.solid.slope(p);
-        Slope { value: found.value, gradient: found.gradient }
+        if i == 0 { self.noise.at(p) } else { Function::at(&*self.solid, p) }
     }
 }
 

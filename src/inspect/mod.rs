@@ -7,6 +7,8 @@ pub mod line_file;
 pub mod line_picture;
 pub mod palette;
 pub mod plane;
+pub mod point_file;
+pub mod point_plot;
 pub mod probe;
 pub mod slice;
 pub mod slice_picture;

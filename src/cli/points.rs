@@ -1,0 +1,153 @@
+//! `curlsmoke points`.
+
+use crate::cli::args::{PointsArguments, PointsMethod};
+use crate::cli::print_result;
+use crate::cli::progress::count as spelled;
+use crate::error::Error;
+use crate::inspect::point_file::PointFormat;
+use crate::inspect::{InspectError, point_plot};
+use crate::math::hash::Seed;
+use crate::output::file::{check_writable, write_atomic};
+use crate::output::{extension, frames};
+use crate::points::jitter::{BallBound, CurlJitter, random_jitter};
+use crate::points::nearest::{least_and_median, nearest_distances, radial_distribution};
+use crate::points::poisson::poisson_disks;
+use crate::points::sobol::sobol;
+use crate::points::{PointSet, lattice};
+use crate::scene::pattern::Pattern;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Of the plot [pixels].
+const PLOT: [u32; 2] = [640, 400];
+/// How far the plot goes [mean distances between points], and its bins.
+const REACH: f64 = 3.0;
+const BINS: usize = 150;
+
+/// Makes points; the exit code.
+pub(super) fn run(arguments: &PointsArguments) -> Result<u8, Error> {
+    let usage = |text: String| Err(Error::Usage(text));
+    let dimension = usize::from(arguments.dim);
+    if let Err(text) = check(arguments) {
+        return usage(text);
+    }
+    let ending = extension(&PathBuf::from(&arguments.output));
+    let Some(format) = PointFormat::from_extension(&ending) else {
+        return usage(format!("--output {}: the name must end in .csv, .npy or .ply", arguments.output));
+    };
+    if format == PointFormat::Ply && dimension > 3 {
+        return usage(format!("--output {}: .ply has three dimensions; write .csv or .npy", arguments.output));
+    }
+    if let Some(plot) = arguments.plot.as_ref().filter(|plot| extension(plot) != "png") {
+        return usage(format!("--plot {}: the name must end in .png", plot.display()));
+    }
+    check_memory(arguments)?;
+    let pattern =
+        Pattern::parse(&arguments.output).map_err(|e| Error::Pattern(format!("--output {}", arguments.output), e))?;
+    let list = match &arguments.frames {
+        Some(text) => frames::parse(text)?.frames,
+        None => vec![1],
+    };
+    let file_of = |frame| PathBuf::from(pattern.expand(frame, "points"));
+    frames::check_distinct(&list, file_of)?;
+    let files = list.iter().map(|&frame| file_of(frame));
+    files.chain(arguments.plot.clone()).try_for_each(|path| check_writable(&path))?;
+
+    for &frame in &list {
+        let start = Instant::now();
+        let set = points(arguments, frame);
+        let seconds = start.elapsed().as_secs_f64();
+        let file = file_of(frame);
+        if set.len() < 2 {
+            return usage(format!("{} points: choose more with --per-axis, or a larger --ball", set.len()));
+        }
+        let [least, median] = least_and_median(&mut nearest_distances(&set));
+        write_atomic(&file, &format.encode(&set))?;
+        let count = spelled(set.len() as f64);
+        print_result(&format!(
+            "{}: {count} points in {seconds:.2} s; distance to the closest: median {median:.4}, least {least:.4}",
+            file.display()
+        ))?;
+        if let Some(plot) = arguments.plot.as_ref().filter(|_| Some(&frame) == list.last()) {
+            let mean = (1.0 / set.len() as f64).powf(1.0 / dimension as f64);
+            let distribution = radial_distribution(&set, REACH * mean, BINS);
+            let title = format!("{dimension} dimensions, {count} points");
+            write_atomic(plot, &point_plot::paint(&title, &distribution, median, PLOT).to_png()?)?;
+        }
+    }
+    Ok(0)
+}
+
+/// What the flags ask for that cannot be, in a sentence.
+fn check(arguments: &PointsArguments) -> Result<(), String> {
+    let is_curl = arguments.method == PointsMethod::Curl;
+    let of_curl = [
+        ("--length", arguments.length.is_some()),
+        ("--step", arguments.step.is_some()),
+        ("--ball", arguments.ball.is_some()),
+        ("--frames", arguments.frames.is_some()),
+    ];
+    if let Some((flag, _)) = of_curl.iter().find(|(_, is_given)| *is_given && !is_curl) {
+        return Err(format!("{flag} belongs to --method curl"));
+    }
+    if arguments.radius.is_some() && arguments.method != PointsMethod::Poisson {
+        return Err("--radius belongs to --method poisson".into());
+    }
+    let within = |flag: &str, value: Option<f64>, low: f64, high: f64| match value {
+        Some(x) if !(low..=high).contains(&x) => Err(format!("{flag} {x}: write a number from {low} to {high}")),
+        _ => Ok(()),
+    };
+    within("--length", arguments.length, 1e-3, 1e6)?;
+    within("--step", arguments.step, -1e3, 1e3)?;
+    within("--ball", arguments.ball, 1e-3, 0.5)?;
+    within("--fade", arguments.fade, 1e-6, arguments.ball.unwrap_or(0.5))?;
+    within("--speed", Some(arguments.speed), -1e3, 1e3)?;
+    within("--radius", arguments.radius, 1e-6, 1.0)?;
+    if arguments.ball.is_some() && arguments.plot.is_some() {
+        return Err("--plot is of points that fill the cube: leave out --ball".into());
+    }
+    Ok(())
+}
+
+/// Lattice points in all; `None` beyond all bounds.
+fn lattice_count(arguments: &PointsArguments) -> Option<u64> {
+    u64::from(arguments.per_axis).checked_pow(u32::from(arguments.dim))
+}
+
+fn check_memory(arguments: &PointsArguments) -> Result<(), Error> {
+    const GIB: f64 = (1u64 << 30) as f64;
+    // The lattice, what becomes of it, the tree and the file.
+    let bytes_per_point = 40.0 + 45.0 * f64::from(arguments.dim);
+    let count = f64::from(arguments.per_axis).powi(i32::from(arguments.dim));
+    let (needed_gib, limit_gib) = (count * bytes_per_point / GIB, arguments.memory_limit.bytes() as f64 / GIB);
+    if needed_gib > limit_gib || count >= f64::from(u32::MAX) {
+        return Err(InspectError::OverMemoryLimit {
+            what: format!("{count:.1e} points in {} dimensions", arguments.dim),
+            needed_gib,
+            limit_gib,
+            advice: "choose a smaller --per-axis",
+        }
+        .into());
+    }
+    Ok(())
+}
+
+fn points(arguments: &PointsArguments, frame: i32) -> PointSet {
+    let (dimension, per_axis, seed) = (usize::from(arguments.dim), arguments.per_axis, Seed(arguments.seed));
+    let count = lattice_count(arguments).unwrap_or(u64::MAX);
+    match arguments.method {
+        PointsMethod::Lattice => lattice(dimension, per_axis),
+        PointsMethod::Jitter => random_jitter(dimension, per_axis, seed),
+        PointsMethod::Poisson => {
+            poisson_disks(dimension, count, arguments.radius.unwrap_or(1.0 / f64::from(per_axis)), seed)
+        }
+        PointsMethod::Sobol => sobol(dimension, 1 << (count as f64).log2().round() as u32, seed),
+        PointsMethod::Curl => {
+            let best = CurlJitter::best(dimension);
+            let ball = arguments.ball.map(|radius| BallBound { radius, width: arguments.fade.unwrap_or(0.8 * radius) });
+            let drift = if arguments.frames.is_some() { f64::from(frame) * arguments.speed } else { 0.0 };
+            let (length, step) = (arguments.length.unwrap_or(best.length), arguments.step.unwrap_or(best.step));
+            CurlJitter { length, step, seed, drift, ball }.apply(dimension, per_axis)
+        }
+    }
+}
