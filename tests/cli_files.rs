@@ -314,3 +314,53 @@ fn the_memory_limit_is_kept() {
         assert!(limit > 120.0 && peak <= 1.1 * limit, "{name}: limit {limit:.0} MiB, peak {peak:.0} MiB");
     }
 }
+
+#[test]
+fn points_are_written_and_told_of_in_every_format() {
+    let folder = Folder::new();
+    let [out, _] =
+        folder.expect(0, &["points", "--dim", "3", "--per-axis", "6", "-o", "out/p.csv", "--plot", "out/g.png"]);
+    assert!(
+        out.starts_with("out/p.csv: 216 points in ") && out.contains("distance to the closest: median 0.1"),
+        "{out}"
+    );
+    let text = fs::read_to_string(folder.path("out/p.csv")).unwrap();
+    assert_eq!((text.lines().count(), text.lines().next()), (217, Some("x0,x1,x2")));
+    assert!(fs::read(folder.path("out/g.png")).unwrap().starts_with(b"\x89PNG"));
+    folder.expect(0, &["points", "--dim", "7", "--per-axis", "2", "--method", "jitter", "-o", "out/p.npy"]);
+    assert_eq!(fs::read(folder.path("out/p.npy")).unwrap().len() % 64, 128 * 7 * 8 % 64);
+    for method in ["poisson", "sobol", "lattice"] {
+        let [out, _] =
+            folder.expect(0, &["points", "--dim", "2", "--per-axis", "8", "--method", method, "-o", "out/p.ply"]);
+        assert!(out.contains(" points in "), "{out}");
+    }
+    // An animation in a ball: as many points in every frame.
+    let ball = ["points", "--dim", "3", "--per-axis", "8", "--ball", "0.4", "--frames", "1-3", "-o", "out/b.####.csv"];
+    let [out, _] = folder.expect(0, &ball);
+    let counts: Vec<_> = out.lines().map(|line| line.split(' ').nth(1)).collect();
+    assert!(counts.len() == 3 && counts.iter().all(|c| *c == counts[0]), "{out}");
+    assert_ne!(fs::read(folder.path("out/b.0001.csv")).unwrap(), fs::read(folder.path("out/b.0002.csv")).unwrap());
+}
+
+#[test]
+fn points_that_cannot_be_are_refused_with_advice() {
+    let folder = Folder::new();
+    let cases: [(i32, &[&str], &str); 9] = [
+        (2, &["--dim", "8", "-o", "p.csv"], "8 is not in 2..=7"),
+        (2, &["--dim", "3", "-o", "p.txt"], "must end in .csv, .npy or .ply"),
+        (2, &["--dim", "4", "-o", "p.ply"], "write .csv or .npy"),
+        (2, &["--dim", "3", "--method", "sobol", "--step", "1", "-o", "p.csv"], "--step belongs to --method curl"),
+        (2, &["--dim", "3", "--radius", "0.1", "-o", "p.csv"], "--radius belongs to --method poisson"),
+        (2, &["--dim", "3", "--ball", "0.9", "-o", "p.csv"], "--ball 0.9: write a number from 0.001 to 0.5"),
+        (2, &["--dim", "3", "--length", "nan", "-o", "p.csv"], "--length NaN"),
+        (2, &["--dim", "2", "--frames", "1-3", "-o", "p.csv"], "p.csv"),
+        (6, &["--dim", "7", "--per-axis", "1000", "-o", "p.csv"], "choose a smaller --per-axis"),
+    ];
+    for (code, arguments, words) in cases {
+        let [_, error] = folder.expect(code, &[&["points"], arguments].concat());
+        assert!(error.contains(words), "{arguments:?}: {error}");
+    }
+    assert!(
+        fs::read_dir(folder.path(".")).unwrap().all(|f| !f.unwrap().file_name().to_string_lossy().starts_with("p."))
+    );
+}

@@ -178,6 +178,7 @@ mod tests {
     }
 
     #[test]
+    #[allow(clippy::needless_range_loop, reason = "a tensor")]
     fn gradients_are_isotropic_and_uncorrelated_to_second_order_at_all_times_and_between_any_two() {
         for (earlier, later) in [(0.0, 0.0), (0.15, 0.15), (0.4, 0.4), (0.0, 0.25), (0.3, 0.37)] {
             let mut moment = [[[[0.0f64; 3]; 3]; 3]; 3];

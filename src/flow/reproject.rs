@@ -58,20 +58,37 @@ impl Trace {
     pub fn end<L: Lane, const N: usize>(&self, functions: &impl Functions<N>, start: [L; N], time: L) -> [L; N] {
         let mut p = start;
         let h = time * time.lit(1.0 / f64::from(self.steps));
-        let targets = functions.all(start).values;
-        for _ in 0..self.steps {
-            p = self.step(functions, p, h, &targets);
+        let mut here = functions.all(start);
+        let targets = here.values;
+        for i in 0..self.steps {
+            if i > 0 {
+                here = functions.all(p);
+            }
+            p = self.step_along(functions, p, cross(&here.gradients), h, &targets);
         }
         p
     }
 
     /// One step of length `h` from `p`, which belongs where the functions have the values `targets`.
     #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     pub fn step<L: Lane, const N: usize>(
         &self,
         functions: &impl Functions<N>,
         p: [L; N],
+        h: L,
+        targets: &[L; N],
+    ) -> [L; N] {
+        self.step_along(functions, p, cross(&functions.all(p).gradients), h, targets)
+    }
+
+    /// As [`Trace::step`], with the field `first` at `p`.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn step_along<L: Lane, const N: usize>(
+        &self,
+        functions: &impl Functions<N>,
+        p: [L; N],
+        first: [L; N],
         h: L,
         targets: &[L; N],
     ) -> [L; N] {
@@ -83,7 +100,6 @@ impl Trace {
             q
         };
         let field = |q: [L; N]| cross(&functions.all(q).gradients);
-        let first = field(p);
         let mut slope = first;
         if self.integrator == Integrator::RungeKutta {
             let half = h * h.lit(0.5);
