@@ -109,10 +109,13 @@ pub fn cross<L: Lane, const N: usize>(rows: &[[L; N]; N]) -> [L; N] {
     product
 }
 
-/// The field at a point (equation 8).
-#[inline(always)]
+/// The field at a point (equation 8). Compiled once for each kind of functions: the product has up to 126 minors.
+#[inline(never)]
 pub fn field<L: Lane, const N: usize>(functions: &impl Functions<N>, p: [L; N]) -> [L; N] {
-    cross(&functions.all(p).gradients)
+    p[0].outlined(
+        #[inline(always)]
+        || cross(&functions.all(p).gradients),
+    )
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Traces along divergence-free vector noise that stay on their track (Bærentzen et al. 2025, algorithm 1): the exact curve
 //! never leaves the values that the functions have at its start, so after each step the point is put back on them.
 
-use crate::flow::dfvn::{Functions, Slopes, cross};
+use crate::flow::dfvn::{Functions, Slopes, field};
 use crate::math::real::Lane;
 
 /// Gradients whose angle has a sine below about this are taken for parallel: in double precision, and in lanes of single
@@ -58,37 +58,20 @@ impl Trace {
     pub fn end<L: Lane, const N: usize>(&self, functions: &impl Functions<N>, start: [L; N], time: L) -> [L; N] {
         let mut p = start;
         let h = time * time.lit(1.0 / f64::from(self.steps));
-        let mut here = functions.all(start);
-        let targets = here.values;
-        for i in 0..self.steps {
-            if i > 0 {
-                here = functions.all(p);
-            }
-            p = self.step_along(functions, p, cross(&here.gradients), h, &targets);
+        let targets = functions.all(start).values;
+        for _ in 0..self.steps {
+            p = self.step(functions, p, h, &targets);
         }
         p
     }
 
     /// One step of length `h` from `p`, which belongs where the functions have the values `targets`.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     pub fn step<L: Lane, const N: usize>(
         &self,
         functions: &impl Functions<N>,
         p: [L; N],
-        h: L,
-        targets: &[L; N],
-    ) -> [L; N] {
-        self.step_along(functions, p, cross(&functions.all(p).gradients), h, targets)
-    }
-
-    /// As [`Trace::step`], with the field `first` at `p`.
-    #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn step_along<L: Lane, const N: usize>(
-        &self,
-        functions: &impl Functions<N>,
-        p: [L; N],
-        first: [L; N],
         h: L,
         targets: &[L; N],
     ) -> [L; N] {
@@ -99,13 +82,13 @@ impl Trace {
             }
             q
         };
-        let field = |q: [L; N]| cross(&functions.all(q).gradients);
+        let first = field(functions, p);
         let mut slope = first;
         if self.integrator == Integrator::RungeKutta {
             let half = h * h.lit(0.5);
-            let second = field(moved(&first, half));
-            let third = field(moved(&second, half));
-            let fourth = field(moved(&third, h));
+            let second = field(functions, moved(&first, half));
+            let third = field(functions, moved(&second, half));
+            let fourth = field(functions, moved(&third, h));
             for i in 0..N {
                 let middle = second[i] + third[i];
                 slope[i] = (first[i] + fourth[i] + middle + middle) * h.lit(1.0 / 6.0);
@@ -246,7 +229,7 @@ pub fn least_norm<L: Lane, const N: usize>(f: &Slopes<L, N>, targets: &[L; N]) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::dfvn::FromFn;
+    use crate::flow::dfvn::{FromFn, cross};
     use crate::flow::simplex::{Simplex, Slope};
     use crate::math::hash::{CounterRng, Seed};
 
