@@ -110,10 +110,10 @@ fn points(folder: &Path, text: &mut String) {
 const AFTER_TABLE_1: &str = "
 Where they differ:
 
-- The length of noise and the constant of the step were not published; ours are in `src/points/jitter.rs`. Up to five dimensions the
-  lattice itself has the largest median, and every step lowers it: ours is the longest that still reaches the published medians.
-- Poisson disks stop at the lattice's number of points, as SciPy's do; ours are never closer than the radius, where
-  those published are from four dimensions on.
+- The length of noise and the constant of the step were not published; ours are in `src/points/jitter.rs`. Every step lowers the
+  lattice's own median: in three and four dimensions ours is about the longest that still reaches what was published.
+- Poisson disks stop at the lattice's number of points; ours are never closer than the radius, where those published are
+  from five dimensions on.
 - Sobol' points are scrambled after Owen; from six dimensions on the published seconds are of another number of points, as their medians tell.
 
 ";

@@ -376,13 +376,13 @@ pub struct PointsArguments {
     /// How points are chosen
     #[arg(long, value_enum, default_value_t = PointsMethod::Curl)]
     pub method: PointsMethod,
-    /// Lattice points along each axis; without a lattice as many points in all
+    /// Lattice points along each axis; methods without a lattice make as many in all
     #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub per_axis: u32,
     /// Where to write: .csv, .npy or .ply, with #### for the frame of --frames
     #[arg(short, long, value_name = "FILE")]
     pub output: String,
-    /// Draw the radial distribution function, to a .png file
+    /// Draw the radial distribution function (of the last frame), to a .png file
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
     /// Which of many sets
@@ -393,7 +393,7 @@ pub struct PointsArguments {
     pub length: Option<f64>,
     /// curl: how far points move, in mean distances to the neighbours on the lattice, at
     /// the root mean square of the noise's gradients [default: the best by measurement]
-    #[arg(long, value_name = "DISTANCES", verbatim_doc_comment)]
+    #[arg(long, value_name = "DISTANCES", allow_negative_numbers = true, verbatim_doc_comment)]
     pub step: Option<f64>,
     /// curl: keep points in a ball of this radius in the middle of the cube (edges of
     /// the cube); only those that begin in it are made
@@ -406,7 +406,7 @@ pub struct PointsArguments {
     #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
     pub frames: Option<String>,
     /// curl: how far the noise moves from frame to frame, in lattice spacings
-    #[arg(long, value_name = "SPACINGS", default_value_t = 0.005, requires = "frames")]
+    #[arg(long, value_name = "SPACINGS", default_value_t = 0.005, requires = "frames", allow_negative_numbers = true)]
     pub speed: f64,
     /// poisson: least distance between points [default: one lattice spacing]
     #[arg(long, value_name = "DISTANCE")]

@@ -59,7 +59,8 @@ pub(super) fn run(arguments: &PointsArguments) -> Result<u8, Error> {
         let seconds = start.elapsed().as_secs_f64();
         let file = file_of(frame);
         if set.len() < 2 {
-            return usage(format!("{} points: choose more with --per-axis, or a larger --ball", set.len()));
+            let advice = "choose more with --per-axis, a larger --ball or a smaller --radius";
+            return usage(format!("{} points have no distances: {advice}", set.len()));
         }
         let [least, median] = least_and_median(&mut nearest_distances(&set));
         write_atomic(&file, &format.encode(&set))?;
@@ -102,7 +103,13 @@ fn check(arguments: &PointsArguments) -> Result<(), String> {
     within("--ball", arguments.ball, 1e-3, 0.5)?;
     within("--fade", arguments.fade, 1e-6, arguments.ball.unwrap_or(0.5))?;
     within("--speed", Some(arguments.speed), -1e3, 1e3)?;
-    within("--radius", arguments.radius, 1e-6, 1.0)?;
+    // Buckets are not much finer than the lattice.
+    within("--radius", arguments.radius, 0.25 / f64::from(arguments.per_axis), 1.0)?;
+    if arguments.ball.is_some() {
+        // What keeps points inside are steps shorter than the noise is long.
+        within("--step with --ball", arguments.step, -10.0, 10.0)?;
+        within("--length with --ball", arguments.length, 0.5, 1e6)?;
+    }
     if arguments.ball.is_some() && arguments.plot.is_some() {
         return Err("--plot is of points that fill the cube: leave out --ball".into());
     }
@@ -118,7 +125,9 @@ fn check_memory(arguments: &PointsArguments) -> Result<(), Error> {
     const GIB: f64 = (1u64 << 30) as f64;
     // The lattice, what becomes of it, the tree and the file.
     let bytes_per_point = 40.0 + 45.0 * f64::from(arguments.dim);
-    let count = f64::from(arguments.per_axis).powi(i32::from(arguments.dim));
+    // Sobol' rounds to a power of two.
+    let rounding = if arguments.method == PointsMethod::Sobol { std::f64::consts::SQRT_2 } else { 1.0 };
+    let count = f64::from(arguments.per_axis).powi(i32::from(arguments.dim)) * rounding;
     let (needed_gib, limit_gib) = (count * bytes_per_point / GIB, arguments.memory_limit.bytes() as f64 / GIB);
     if needed_gib > limit_gib || count >= f64::from(u32::MAX) {
         return Err(InspectError::OverMemoryLimit {

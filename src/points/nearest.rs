@@ -81,7 +81,8 @@ pub fn least_and_median(distances: &mut [f64]) -> [f64; 2] {
 }
 
 /// The radial distribution function: how many points there are at a distance, relative to as many spread evenly. Of the
-/// unit cube, taken for one of many side by side; counted round some thousands of points.
+/// unit cube, taken for one of many side by side: pairs across opposite faces count, also of sets that do not go on there.
+/// Counted round some thousands of points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialDistribution {
     /// Width of a bin, in edges of the cube.

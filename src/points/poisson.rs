@@ -17,11 +17,13 @@ struct Buckets {
     points: Vec<Vec<f64>>,
 }
 
-/// At most `count` points of the unit cube, no two of them closer than `radius`, grown from one in its middle.
+/// At most `count` points of the unit cube, no two of them closer than `radius`, grown from one in its middle: where `count`
+/// ends the growth, they fill the middle alone.
 pub fn poisson_disks(dimension: usize, count: u64, radius: f64, seed: Seed) -> PointSet {
     let axes = dimension.min(BUCKET_AXES);
     // No finer than the radius, so that only neighbours need be looked at, and no more than some millions.
-    let per_axis = (1.0 / radius).floor().clamp(1.0, if axes < 4 { 100.0 } else { 30.0 }) as usize;
+    let most = [4000.0, 160.0, 40.0][axes - 2];
+    let per_axis = (1.0 / radius).floor().clamp(1.0, most) as usize;
     let mut buckets = Buckets { axes, per_axis, points: vec![Vec::new(); per_axis.pow(axes as u32)] };
     let mut rng = CounterRng::new(seed);
     let mut set = PointSet { dimension, coordinates: vec![0.5; dimension] };

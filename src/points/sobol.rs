@@ -1,7 +1,8 @@
 //! The sequence of Sobol' with scrambling after Owen, as many points as one likes.
 //!
 //! Direction numbers are those of Joe and Kuo 2008 (*Constructing Sobol sequences with better two-dimensional projections*);
-//! scrambling is by hash, each bit flipped by all bits above it (Burley 2020, *Practical Hash-based Owen Scrambling*).
+//! scrambling is by hash, each bit flipped by all bits above it (Burley 2020, *Practical Hash-based Owen Scrambling*, with the
+//! hash of Vegdahl 2021, *Building a Better LK Hash*).
 
 use crate::math::hash::Seed;
 use crate::points::PointSet;
@@ -86,6 +87,16 @@ mod tests {
             assert!(hits.iter().all(|n| *n == 1), "{split}");
         }
         assert_ne!(sobol(3, 64, Seed(1)), sobol(3, 64, Seed(2)));
+    }
+
+    #[test]
+    fn direction_numbers_are_those_of_joe_and_kuo() {
+        // The first that each recurrence makes, worked out by hand.
+        for (axis, k, number) in [(1, 4, 17), (2, 2, 3), (3, 3, 5), (4, 3, 11), (5, 4, 25), (6, 4, 11)] {
+            assert_eq!(directions(axis)[k] >> (31 - k), number, "{axis}");
+        }
+        let first = |axis: usize, count: usize| (0..count).map(|k| directions(axis)[k] >> (31 - k)).collect::<Vec<_>>();
+        assert_eq!((first(5, 4), first(6, 4)), (vec![1, 1, 3, 3], vec![1, 3, 5, 13]));
     }
 
     #[test]
