@@ -116,11 +116,6 @@ fn check(arguments: &PointsArguments) -> Result<(), String> {
     Ok(())
 }
 
-/// Lattice points in all; `None` beyond all bounds.
-fn lattice_count(arguments: &PointsArguments) -> Option<u64> {
-    u64::from(arguments.per_axis).checked_pow(u32::from(arguments.dim))
-}
-
 fn check_memory(arguments: &PointsArguments) -> Result<(), Error> {
     const GIB: f64 = (1u64 << 30) as f64;
     // The lattice, what becomes of it, the tree and the file.
@@ -143,7 +138,8 @@ fn check_memory(arguments: &PointsArguments) -> Result<(), Error> {
 
 fn points(arguments: &PointsArguments, frame: i32) -> PointSet {
     let (dimension, per_axis, seed) = (usize::from(arguments.dim), arguments.per_axis, Seed(arguments.seed));
-    let count = lattice_count(arguments).unwrap_or(u64::MAX);
+    // Below 2^32, as the memory for them was checked.
+    let count = u64::from(per_axis).pow(dimension as u32);
     match arguments.method {
         PointsMethod::Lattice => lattice(dimension, per_axis),
         PointsMethod::Jitter => random_jitter(dimension, per_axis, seed),

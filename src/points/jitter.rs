@@ -36,8 +36,8 @@ pub struct BallBound {
 }
 
 impl CurlJitter {
-    /// Settings by measurement for 2 to 7 dimensions and lattices of any size: steps so long that the lattice is hard to see, and
-    /// in three and four dimensions no longer than the published median distance to the closest point allows.
+    /// Settings by measurement for 2 to 7 dimensions and lattices of any size: in three and four dimensions steps about as long
+    /// as the published median distance to the closest point allows, beyond four longer ones, which cost it little.
     pub fn best(dimension: usize) -> Self {
         let (length, step) = BEST[dimension - 2];
         Self { length, step, seed: Seed(0), drift: 0.0, ball: None }
