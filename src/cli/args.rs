@@ -362,6 +362,24 @@ pub struct WarpArguments {
     /// Which swirls
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     pub seed: u64,
+    /// Let swirls end at a circle of this radius, as a share of the shorter edge; beyond
+    /// it things only turn about its middle
+    #[arg(long, value_name = "RADIUS", verbatim_doc_comment)]
+    pub circle: Option<f64>,
+    /// Middle of the circle from the top left corner, in shares of the picture's width
+    /// and height
+    #[arg(
+        long,
+        value_name = "X,Y",
+        default_value = "0.5,0.5",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        verbatim_doc_comment
+    )]
+    pub center: Vec<f64>,
+    /// How deep inside the circle swirls are free [default: 0.8 of its radius]
+    #[arg(long, value_name = "DEPTH", requires = "circle")]
+    pub fade: Option<f64>,
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,

@@ -142,7 +142,7 @@ fn points(arguments: &PointsArguments, frame: i32) -> PointSet {
     let count = u64::from(per_axis).pow(dimension as u32);
     match arguments.method {
         PointsMethod::Lattice => lattice(dimension, per_axis),
-        PointsMethod::Jitter => random_jitter(dimension, per_axis, seed),
+        PointsMethod::Jitter => random_jitter(dimension, per_axis, 1.0, seed),
         PointsMethod::Poisson => {
             poisson_disks(dimension, count, arguments.radius.unwrap_or(1.0 / f64::from(per_axis)), seed)
         }

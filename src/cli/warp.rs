@@ -4,7 +4,7 @@ use crate::cli::args::{WarpArguments, WarpIntegrator};
 use crate::cli::print_result;
 use crate::error::Error;
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
-use crate::inspect::warp::Warp;
+use crate::inspect::warp::{Circle, Warp};
 use crate::math::hash::Seed;
 use crate::output::exr::{self, Compression};
 use crate::output::file::{check_writable, write_atomic};
@@ -15,6 +15,9 @@ use crate::output::read_image;
 const LENGTH_MIN: f64 = 1e-4;
 /// Furthest way.
 const DISTANCE_MAX: f64 = 1e4;
+
+/// Least radius of a circle.
+const RADIUS_MIN: f64 = 1e-3;
 
 /// Warps; the exit code.
 pub(super) fn run(arguments: &WarpArguments) -> Result<u8, Error> {
@@ -27,6 +30,9 @@ pub(super) fn run(arguments: &WarpArguments) -> Result<u8, Error> {
             "--distance {}: write a share from -{DISTANCE_MAX} to {DISTANCE_MAX}",
             arguments.distance
         ));
+    }
+    if let Err(text) = check_circle(arguments) {
+        return usage(text);
     }
     let ending = arguments.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !["exr", "png"].contains(&ending.as_str()) {
@@ -42,7 +48,13 @@ pub(super) fn run(arguments: &WarpArguments) -> Result<u8, Error> {
         },
         reprojection: Reprojection::Newton(Repetition { steps: arguments.reprojections, tolerance: 0.0 }),
     };
-    let warp = Warp { length: arguments.length, distance: arguments.distance, trace, seed: Seed(arguments.seed) };
+    let circle = arguments.circle.map(|radius| {
+        let edge = f64::from(image.data_size[0].min(image.data_size[1]));
+        let center = [0, 1].map(|i| arguments.center[i] * f64::from(image.data_size[i]) / edge);
+        Circle { center, radius, width: arguments.fade.unwrap_or(0.8 * radius) }
+    });
+    let seed = Seed(arguments.seed);
+    let warp = Warp { length: arguments.length, distance: arguments.distance, trace, seed, circle };
     let warped = warp.apply(&image);
     let bytes = if ending == "exr" {
         exr::write(&warped, Compression::Zip)?
@@ -56,4 +68,24 @@ pub(super) fn run(arguments: &WarpArguments) -> Result<u8, Error> {
     write_atomic(&arguments.output, &bytes)?;
     let [width, height] = warped.data_size;
     print_result(&format!("{}: {width} × {height} pixels", arguments.output.display())).map(|()| 0)
+}
+
+/// What the flags of the circle ask for that cannot be, in a sentence.
+fn check_circle(arguments: &WarpArguments) -> Result<(), String> {
+    let Some(radius) = arguments.circle else { return Ok(()) };
+    if !(RADIUS_MIN..=1e6).contains(&radius) {
+        return Err(format!("--circle {radius}: write a share from {RADIUS_MIN} to 1000000"));
+    }
+    let [x, y] = arguments.center[..] else {
+        return Err(format!("--center: {} numbers, where two belong: --center 0.5,0.5", arguments.center.len()));
+    };
+    if ![x, y].iter().all(|share| (-1e6..=1e6).contains(share)) {
+        return Err(format!("--center {x},{y}: write two shares from -1000000 to 1000000"));
+    }
+    match arguments.fade {
+        Some(fade) if !(fade > 0.0 && fade <= radius) => {
+            Err(format!("--fade {fade}: write a share above 0 and up to the circle's {radius}"))
+        }
+        _ => Ok(()),
+    }
 }

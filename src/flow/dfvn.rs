@@ -109,12 +109,22 @@ pub fn cross<L: Lane, const N: usize>(rows: &[[L; N]; N]) -> [L; N] {
     product
 }
 
-/// The field at a point (equation 8). Compiled once for each kind of functions: the product has up to 126 minors.
-#[inline(never)]
+/// The field at a point (equation 8).
+#[inline(always)]
 pub fn field<L: Lane, const N: usize>(functions: &impl Functions<N>, p: [L; N]) -> [L; N] {
+    values_and_field(functions, p).1
+}
+
+/// The values of the functions at a point, the last unused, and the field there. Compiled once for each kind of functions: the
+/// product has up to 126 minors.
+#[inline(never)]
+pub fn values_and_field<L: Lane, const N: usize>(functions: &impl Functions<N>, p: [L; N]) -> ([L; N], [L; N]) {
     p[0].outlined(
         #[inline(always)]
-        || cross(&functions.all(p).gradients),
+        || {
+            let all = functions.all(p);
+            (all.values, cross(&all.gradients))
+        },
     )
 }
 

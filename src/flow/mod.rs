@@ -7,6 +7,7 @@ pub mod elements;
 pub mod field;
 pub mod flow_noise;
 pub mod gauge;
+pub mod lift;
 pub mod mask;
 pub mod noise;
 pub mod obstacles;

@@ -1,7 +1,7 @@
 //! Traces along divergence-free vector noise that stay on their track (Bærentzen et al. 2025, algorithm 1): the exact curve
 //! never leaves the values that the functions have at its start, so after each step the point is put back on them.
 
-use crate::flow::dfvn::{Functions, Slopes, field};
+use crate::flow::dfvn::{Functions, Slopes, field, values_and_field};
 use crate::math::real::Lane;
 
 /// Gradients whose angle has a sine below about this are taken for parallel: in double precision, and in lanes of single
@@ -58,20 +58,36 @@ impl Trace {
     pub fn end<L: Lane, const N: usize>(&self, functions: &impl Functions<N>, start: [L; N], time: L) -> [L; N] {
         let mut p = start;
         let h = time * time.lit(1.0 / f64::from(self.steps));
-        let targets = functions.all(start).values;
-        for _ in 0..self.steps {
-            p = self.step(functions, p, h, &targets);
+        let (targets, mut first) = values_and_field(functions, start);
+        for step in 0..self.steps {
+            if step > 0 {
+                first = field(functions, p);
+            }
+            p = self.step_along(functions, p, first, h, &targets);
         }
         p
     }
 
     /// One step of length `h` from `p`, which belongs where the functions have the values `targets`.
     #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     pub fn step<L: Lane, const N: usize>(
         &self,
         functions: &impl Functions<N>,
         p: [L; N],
+        h: L,
+        targets: &[L; N],
+    ) -> [L; N] {
+        self.step_along(functions, p, field(functions, p), h, targets)
+    }
+
+    /// A step whose first evaluation is known.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn step_along<L: Lane, const N: usize>(
+        &self,
+        functions: &impl Functions<N>,
+        p: [L; N],
+        first: [L; N],
         h: L,
         targets: &[L; N],
     ) -> [L; N] {
@@ -82,7 +98,6 @@ impl Trace {
             }
             q
         };
-        let first = field(functions, p);
         let mut slope = first;
         if self.integrator == Integrator::RungeKutta {
             let half = h * h.lit(0.5);

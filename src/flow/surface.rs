@@ -3,7 +3,7 @@
 
 use crate::flow::dfvn::{Function, Functions};
 use crate::flow::reproject::Trace;
-use crate::flow::simplex::{Simplex, Slope};
+use crate::flow::simplex::{IN_PLANE, Simplex, Slope};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
@@ -12,8 +12,6 @@ use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// What is left of a gradient of length 1 in the plane of a surface, as a root mean square: √(2/3).
-const IN_PLANE: f64 = 0.816_496_580_927_726;
 /// Cells along an edge of a block of the cache.
 const EDGE: u32 = 8;
 /// Nodes along an edge of a block: neighbours have those on their common faces both.

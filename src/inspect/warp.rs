@@ -1,8 +1,10 @@
 //! Pictures that flow: warped in their plane by divergence-free vector noise (Bærentzen et al. 2025, section 5.2), which
 //! stirs and shears but neither thins nor folds.
 
+use crate::flow::bounded::{Ball, Bounded};
+use crate::flow::lift::{Height, Upright};
 use crate::flow::reproject::Trace;
-use crate::flow::simplex::Simplex;
+use crate::flow::simplex::{IN_PLANE, Simplex};
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
 use crate::output::image::Image;
@@ -19,6 +21,19 @@ pub struct Warp {
     pub trace: Trace,
     /// Which swirls.
     pub seed: Seed,
+    /// A circle, at which swirls end.
+    pub circle: Option<Circle>,
+}
+
+/// Inside of it a picture swirls; on it and beyond, things only turn about its middle (Bærentzen et al. 2025, figure 7).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Circle {
+    /// Middle, from the top left corner.
+    pub center: [f64; 2],
+    /// Radius, > 0.
+    pub radius: f64,
+    /// How deep inside swirls are free, > 0 and at most the radius.
+    pub width: f64,
 }
 
 impl Warp {
@@ -28,10 +43,24 @@ impl Warp {
         let edge = f64::from(width.min(height).max(1));
         let noise = [Simplex::new(self.length, self.seed)];
         let mut origins = vec![[0.0; 2]; width as usize * height as usize];
-        origins.par_chunks_mut(width.max(1) as usize).enumerate().for_each(|(y, row)| {
-            run_kernel(Row { warp: self, noise: &noise, y: y as f64 + 0.5, edge, row });
-        });
+        let rows = origins.par_chunks_mut(width.max(1) as usize).enumerate().map(|(y, row)| (y as f64 + 0.5, row));
+        match &self.circle {
+            Some(circle) => rows.for_each(|(y, row)| self.row_about(circle, y, edge, row)),
+            None => rows.for_each(|(y, row)| run_kernel(Row { warp: self, noise: &noise, y, edge, row })),
+        }
         origins
+    }
+
+    /// One pixel after another: a third kernel for all instruction sets is not worth its time to compile.
+    fn row_about(&self, circle: &Circle, y: f64, edge: f64, row: &mut [[f32; 2]]) {
+        let wall = Upright(Ball { center: circle.center, radius: circle.radius });
+        let bound = Bounded { distance: wall, inner: Height, width: circle.width };
+        let functions = (Simplex::<3>::new(self.length, self.seed), bound);
+        for (i, origin) in row.iter_mut().enumerate() {
+            let p = [(i as f64 + 0.5) / edge, y / edge, 0.0];
+            let q = self.trace.end(&functions, p, -self.distance / IN_PLANE);
+            *origin = [q[0], q[1]].map(|x| (x * edge) as f32);
+        }
     }
 
     /// The picture after the flow: all channels, each read between four pixels; beyond its edges a picture goes on with the
@@ -100,7 +129,8 @@ mod tests {
             0 => Reprojection::None,
             steps => Reprojection::Newton(Repetition { steps, tolerance: 0.0 }),
         };
-        Warp { length: 0.25, distance, trace: Trace { steps, integrator, reprojection }, seed: Seed(3) }
+        let trace = Trace { steps, integrator, reprojection };
+        Warp { length: 0.25, distance, trace, seed: Seed(3), circle: None }
     }
 
     fn waves(size: [u32; 2]) -> Image {
@@ -118,6 +148,28 @@ mod tests {
         let warped = warp(0.4, 64, Integrator::RungeKutta, 1).apply(&image);
         assert_ne!(warped, image);
         assert!(warped.channels[0].data.iter().all(|v| (0.0..=1.0).contains(v)));
+    }
+
+    #[test]
+    fn beyond_a_circle_things_only_turn_about_its_middle() {
+        let circle = Circle { center: [0.6, 0.5], radius: 0.4, width: 0.3 };
+        let bounded = Warp { circle: Some(circle), ..warp(0.2, 64, Integrator::RungeKutta, 2) };
+        let origins = bounded.origins([96, 80]);
+        let radius = |x: f64, y: f64| (x / 80.0 - 0.6).hypot(y / 80.0 - 0.5);
+        let (mut moved, mut stirred) = (0, 0);
+        for (i, origin) in origins.iter().enumerate() {
+            let (x, y) = ((i % 96) as f64 + 0.5, (i / 96) as f64 + 0.5);
+            let [from_x, from_y] = origin.map(f64::from);
+            let (before, after) = (radius(from_x, from_y), radius(x, y));
+            if after >= 0.4 {
+                assert!((before - after).abs() < 1e-5, "{before} {after}");
+                moved += usize::from((from_x - x).hypot(from_y - y) > 1.0);
+            } else {
+                assert!(before < 0.4 + 1e-5);
+                stirred += usize::from((before - after).abs() > 0.02);
+            }
+        }
+        assert!(moved > 500 && stirred > 500, "{moved} {stirred}");
     }
 
     #[test]
