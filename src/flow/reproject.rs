@@ -13,6 +13,8 @@ const PARALLEL: [f64; 2] = [1e-5, 3e-3];
 pub enum Integrator {
     /// One evaluation, first order.
     Euler,
+    /// The midpoint rule: two evaluations, second order.
+    Midpoint,
     /// Classical Runge–Kutta: four evaluations, fourth order.
     RungeKutta,
 }
@@ -65,10 +67,25 @@ impl Trace {
         p
     }
 
-    /// One step of length `h` from `p`, which belongs where the functions have the values `targets`.
+    /// One step of length `h` from `p`, which belongs where the functions have the values `targets`. Compiled once for
+    /// each kind of functions.
+    #[inline(never)]
+    pub fn step<L: Lane, const N: usize>(
+        &self,
+        functions: &impl Functions<N>,
+        p: [L; N],
+        h: L,
+        targets: &[L; N],
+    ) -> [L; N] {
+        h.outlined(
+            #[inline(always)]
+            || self.step_here(functions, p, h, targets),
+        )
+    }
+
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn step<L: Lane, const N: usize>(
+    fn step_here<L: Lane, const N: usize>(
         &self,
         functions: &impl Functions<N>,
         p: [L; N],
@@ -82,16 +99,19 @@ impl Trace {
             }
             q
         };
-        let first = field(functions, p);
-        let mut slope = first;
-        if self.integrator == Integrator::RungeKutta {
-            let half = h * h.lit(0.5);
-            let second = field(functions, moved(&first, half));
-            let third = field(functions, moved(&second, half));
-            let fourth = field(functions, moved(&third, h));
-            for i in 0..N {
-                let middle = second[i] + third[i];
-                slope[i] = (first[i] + fourth[i] + middle + middle) * h.lit(1.0 / 6.0);
+        let half = h * h.lit(0.5);
+        let mut slope = field(functions, p);
+        match self.integrator {
+            Integrator::Euler => {}
+            Integrator::Midpoint => slope = field(functions, moved(&slope, half)),
+            Integrator::RungeKutta => {
+                let second = field(functions, moved(&slope, half));
+                let third = field(functions, moved(&second, half));
+                let fourth = field(functions, moved(&third, h));
+                for i in 0..N {
+                    let middle = second[i] + third[i];
+                    slope[i] = (slope[i] + fourth[i] + middle + middle) * h.lit(1.0 / 6.0);
+                }
             }
         }
         let mut square = h.lit(0.0);

@@ -178,8 +178,7 @@ impl<'s> Check<'s, '_, '_> {
             Mask::Wake(mask) => mask.shape == shape,
             _ => false,
         };
-        flow.obstacles.iter().chain(&flow.containers).any(|name| name == shape)
-            || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
+        flow.minds(shape) || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
     }
 
     fn is_emitter(&self, shape: &str) -> bool {
