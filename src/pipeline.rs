@@ -186,7 +186,7 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
             warnings.extend((0..emitters.len()).filter_map(|i| {
                 let share = system.share_born_inside(i).filter(|&share| share > BORN_INSIDE_NOTED)?;
                 let place = scene.place(&format!("smoke.emitters[{i}]"));
-                Some(format!("warning: {place}{}", smoke::born_inside_text("its particles are", share)))
+                Some(format!("warning: {place}{}", smoke::born_inside_text(scene, "its particles are", share)))
             }));
         }
         _ => {}

@@ -52,6 +52,7 @@ fn field() -> VelocityField {
 fn emitter(place: Place, schedule: Schedule, seed: u64) -> Emitter {
     Emitter {
         place,
+        strands: None,
         schedule,
         start: -0.3,
         stop: f64::INFINITY,

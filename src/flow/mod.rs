@@ -30,7 +30,7 @@ use crate::flow::mask::{Block, Mask, PlacedMask, Wake};
 use crate::flow::noise::RMS_SPEED;
 use crate::flow::obstacles::{Boundary, Wall, build_obstacles};
 use crate::flow::octaves::{Form, OctavesSettings, kolmogorov_gain, octaves};
-use crate::flow::pair::{Bound, Pair, Second};
+use crate::flow::pair::{Bound, Pair, Second, Turned};
 use crate::flow::reproject::{Repetition, Reprojection};
 use crate::flow::simplex::Simplex;
 use crate::flow::source::{Potential, Source};
@@ -187,7 +187,7 @@ impl Builder<'_> {
         let noise = |i| Simplex::new(dfvn.length_scale, seed.derive(i));
         // A mesh has no distance where a scene is only looked at.
         let solid = |name: &Option<String>| self.shape(name.as_deref()?)?.sdf.clone();
-        let second = solid(&dfvn.along).map_or_else(|| Second::Noise(noise(1)), Second::Distance);
+        let second = solid(&dfvn.along).map_or_else(|| Second::Noise(Turned::new(noise(1))), Second::Distance);
         let bound = solid(&dfvn.inside).map(|solid| {
             let depth = depth(&solid).unwrap_or(f64::INFINITY);
             Bound { width: dfvn.margin.unwrap_or(dfvn.length_scale.min(depth)), solid }

@@ -5,13 +5,14 @@ use crate::flow::bounded::Bounded;
 use crate::flow::dfvn::{Function, Functions};
 use crate::flow::simplex::{Simplex, Slope};
 use crate::geometry::sdf::PlacedSdf;
-use crate::math::real::Lane;
+use crate::math::real::{Lane, dot, triple};
+use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
 /// Root mean square of the product of the gradients of two noises, or of a noise and a distance: √(2/3).
 ///
 /// The gradients of noises have root mean square length 1, that of a distance has length 1. |a × b|² = |a|²|b|² − (a·b)²,
-/// and where a points everywhere alike, the mean of (a·b)² is a third of the first term.
+/// and where a points everywhere alike and knows nothing of b, the mean of (a·b)² is a third of the first term.
 pub const RMS_PRODUCT: f64 = 0.816_496_580_927_726;
 
 /// Two functions in space.
@@ -31,9 +32,36 @@ enum First {
 #[derive(Debug, Clone)]
 pub enum Second {
     /// A noise: the flow is free.
-    Noise(Simplex<3>),
+    Noise(Turned),
     /// The signed distance of a solid: the flow is along its level surfaces.
     Distance(Arc<PlacedSdf>),
+}
+
+/// A noise whose lattice is turned against that of others. On one lattice, all noises are weak at the same places, where
+/// they are all 0, and their product has 1.05 times the mean square.
+#[derive(Debug, Clone)]
+pub struct Turned {
+    noise: Simplex<3>,
+    rotation: [[f64; 3]; 3],
+}
+
+impl Turned {
+    /// The same noise, turned.
+    pub fn new(noise: Simplex<3>) -> Self {
+        // By any angle that is no symmetry of the lattice, about any axis that is none.
+        let turn = DMat3::from_axis_angle(DVec3::new(0.3, 0.5, -0.8).normalize(), 1.0);
+        Self { noise, rotation: turn.to_cols_array_2d() }
+    }
+}
+
+impl Function<3> for Turned {
+    #[inline(always)]
+    fn at<L: Lane>(&self, p: [L; 3]) -> Slope<L, 3> {
+        let columns: [[L; 3]; 3] = triple!(i => triple!(j => p[0].lit(self.rotation[i][j])));
+        let Slope { value, gradient } = self.noise.at(triple!(i => dot(columns[i], p)));
+        let rows: [[L; 3]; 3] = triple!(i => triple!(j => columns[j][i]));
+        Slope { value, gradient: triple!(i => dot(rows[i], gradient)) }
+    }
 }
 
 /// What the flow stays inside of.

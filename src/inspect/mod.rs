@@ -166,6 +166,7 @@ impl Inspection {
     fn emitter(&self, e: &settings::Emitter, emitter_idx: usize, count: u64) -> Result<Emitter, InspectError> {
         Ok(Emitter {
             place: build_place(e, emitter_idx, &self.geometry)?,
+            strands: None,
             schedule: Schedule::Count(count),
             // Where the shape that it is on has moved to.
             start: self.time,

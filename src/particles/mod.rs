@@ -183,6 +183,7 @@ fn build_emitter(
     };
     Ok(Emitter {
         place: build_place(e, emitter_idx, geometry)?,
+        strands: e.strands,
         motion: emitter_motion(e, geometry),
         schedule,
         start: e.start,

@@ -87,7 +87,7 @@ impl SmokeSource {
                 let share = record.born_inside as f64 / record.born.max(1) as f64;
                 if share > BORN_INSIDE_NOTED && !*is_told {
                     *is_told = true;
-                    progress.note(&format!("frame {frame}: {}", born_inside_text("the particles were", share)));
+                    progress.note(&format!("frame {frame}: {}", born_inside_text(scene, "the particles were", share)));
                 }
                 splat.grid
             }
@@ -105,8 +105,16 @@ impl SmokeSource {
     }
 }
 
-/// That most of `whose` particles begin inside obstacles, and what to do.
-pub(super) fn born_inside_text(whose: &str, share: f64) -> String {
+/// That most of `whose` particles begin where the flow must not be, and what to do.
+pub(super) fn born_inside_text(scene: &Scene, whose: &str, share: f64) -> String {
+    let dfvn = scene.settings.flow.dfvn.as_ref();
+    if let Some(shape) = dfvn.and_then(|dfvn| dfvn.inside.as_ref()) {
+        return format!(
+            "{:.0} % of {whose} born outside of `{shape}`, in which flow.dfvn holds them, and put on its wall; move the \
+             emitter into it, or make it smaller",
+            100.0 * share
+        );
+    }
     format!(
         "{:.0} % of {whose} born inside obstacles and put on their walls; move the emitter out of the shapes in \
          flow.obstacles (of a mesh, raise its `offset`), or take them off that list",

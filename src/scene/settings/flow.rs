@@ -19,7 +19,8 @@ pub struct Flow {
     pub planar: Option<Vec3>,
     /// Which of the obstacles and containers hold the flow fast at their walls; along the others it slips. Default none.
     pub no_slip: Vec<String>,
-    /// A steady flow along closed threads, instead of everything else here.
+    /// A steady flow along threads, instead of everything else here. Default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub dfvn: Option<Dfvn>,
 }
 
