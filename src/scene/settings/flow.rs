@@ -64,7 +64,7 @@ pub struct Dfvn {
     /// instead of a noise. It must be at rest. Default none.
     #[serde(default)]
     pub along: Option<String>,
-    /// How often particles are put back on their values of f and g after each step. 0 lets them drift. Default 1.
+    /// How often particles are put back on their values of f and g after each step. 0 lets them drift. Default 2.
     #[serde(default = "reprojections")]
     #[schemars(range(min = 0, max = 16))]
     pub reprojections: u32,
@@ -74,7 +74,7 @@ pub struct Dfvn {
 }
 
 fn reprojections() -> u32 {
-    1
+    2
 }
 
 /// How a particle is put back on its values.
