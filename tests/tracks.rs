@@ -3,11 +3,14 @@
 use curlsmoke::flow::tracks::Tracks;
 use curlsmoke::flow::{Flow, NoFiles};
 use curlsmoke::geometry::Geometry;
+use curlsmoke::grid::vdb;
 use curlsmoke::inspect::probe::SceneFlow;
 use curlsmoke::inspect::streamlines::{Reach, TraceSettings, trace};
 use curlsmoke::math::dual::Dual;
 use curlsmoke::math::hash::{CounterRng, Seed};
+use curlsmoke::math::space::WorldPoint;
 use curlsmoke::particles::{ParticleSystem, Particles};
+use curlsmoke::pipeline::{self, BakeJob};
 use curlsmoke::progress::Silent;
 use curlsmoke::scene::Scene;
 use glam::DVec3;
@@ -220,4 +223,38 @@ fn closed_stream_lines_close_with_reprojection_and_drift_without() {
         gaps[11], gaps[6], drifts[11], drifts[6]
     );
     assert!(gaps[11] < 1e-6 && drifts[6] > 100.0 * gaps[11], "{gaps:?} {drifts:?}");
+}
+
+/// Mass of the smoke that is further outside of the ring than a voxel reaches, and all of it, by random points.
+fn mass_outside(soft: &str) -> (f64, f64) {
+    let emitter = "{sphere: {center: [0.6, 0, 0], radius: 0.24}, count: 20000, lifetime: 100}";
+    let mut scene = scene("length_scale: 0.2, speed: 0.4, inside: ring", emitter, 40);
+    let grid = scene.settings.smoke.as_mut().unwrap().grid.as_mut().unwrap();
+    (grid.voxel_size, grid.kernel_radius) = (0.02, Some(0.08));
+    if !soft.is_empty() {
+        grid.soft_radius = Some(soft.parse().unwrap());
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let volume = folder.path().join("ring.vdb");
+    let job = BakeJob { frames: vec![40], volume: volume.to_str(), half: false };
+    pipeline::bake(&scene, &job, &Silent, &mut |_, _| {}).unwrap();
+    let grid = vdb::read_float_grid(&volume, "density", 1 << 30).unwrap();
+    let (flow, mut rng) = (flow(&scene), CounterRng::new(Seed(8)));
+    let walls = flow.walls().span(0.0, 0.0);
+    let (mut outside, mut all) = (0.0, 0.0);
+    for _ in 0..400_000 {
+        let p: [f64; 3] = std::array::from_fn(|_| f64::from(rng.uniform()) * 2.2 - 1.1);
+        let density = f64::from(grid.density(WorldPoint::new(p[0] as f32, p[1] as f32, p[2] as f32)));
+        all += density;
+        // The corners of a voxel that a point lies in are no further away than its diagonal.
+        outside += if walls.distance(p, 0.0) < -0.02 * 3f64.sqrt() { density } else { 0.0 };
+    }
+    (outside, all)
+}
+
+#[test]
+fn kernels_do_not_bleed_out_of_the_shape_that_confines_them() {
+    let ((kept, all), (bled, _)) = (mass_outside(""), mass_outside("0"));
+    println!("outside of the ring: {:.1e} of the mass; without soft particles {:.1e}", kept / all, bled / all);
+    assert!(kept == 0.0 && bled > 1e-3 * all && all > 0.0);
 }
