@@ -28,6 +28,10 @@ gallery:
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 24 --resolution 640x360 --spp 320 --resume || exit 1; \
 		cp out/$$scene.0024.png docs/gallery/$$scene.png; \
 	done
+	for scene in filaments confined; do \
+		$(CURLSMOKE) render scenes/$$scene.yaml --frames 48 --resolution 640x360 --spp 256 --resume || exit 1; \
+		cp out/$$scene.0048.png docs/gallery/$$scene.png; \
+	done
 
 # The pictures of docs/flow.md.
 flow-pictures:

@@ -5,7 +5,7 @@ mod mask_files;
 mod smoke;
 
 use crate::error::Error;
-use crate::flow::VelocityField;
+use crate::flow::Flow;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::vdb;
 use crate::inspect::Inspection;
@@ -158,8 +158,8 @@ const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
 /// Where a mesh or the file of a mask is missing, faulty or too large.
 pub fn inspection(scene: &Scene, frame: i32) -> Result<Inspection, Error> {
     let geometry = Geometry::build(scene, &Silent)?;
-    let field = build_field(scene, &geometry)?;
-    Ok(Inspection::build(scene, frame, geometry, field))
+    let flow = build_flow(scene, &geometry)?;
+    Ok(Inspection::build(scene, frame, geometry, flow))
 }
 
 /// Reads all that a frame of a scene needs, and makes none: what is likely a mistake.
@@ -174,19 +174,19 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     render::build_lights(scene, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
         .map_err(|e| in_light(scene, e))?;
     // For the files of masks, which scenes have whose smoke is not made of particles.
-    let field = build_field(scene, &geometry)?;
+    let flow = build_flow(scene, &geometry)?;
     match &scene.settings.smoke {
         Some(settings::Smoke { file: Some(_), .. }) => {
             let frame = scene.settings.frames.first;
             SmokeSource::build(scene, &geometry)?.grid(scene, frame, &Silent, &mut Sidecar::default())?;
         }
         Some(settings::Smoke { grid: Some(_), emitters, .. }) => {
-            let system = ParticleSystem::build(scene, &geometry, field)
+            let system = ParticleSystem::build(scene, &geometry, flow)
                 .map_err(|e| in_scene(scene, "smoke.emitters", None, e))?;
             warnings.extend((0..emitters.len()).filter_map(|i| {
                 let share = system.share_born_inside(i).filter(|&share| share > BORN_INSIDE_NOTED)?;
                 let place = scene.place(&format!("smoke.emitters[{i}]"));
-                Some(format!("warning: {place}{}", smoke::born_inside_text("its particles are", share)))
+                Some(format!("warning: {place}{}", smoke::born_inside_text(scene, "its particles are", share)))
             }));
         }
         _ => {}
@@ -287,8 +287,8 @@ fn in_light(scene: &Scene, error: RenderError) -> Error {
     }
 }
 
-fn build_field(scene: &Scene, geometry: &Geometry) -> Result<VelocityField, Error> {
-    VelocityField::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) }).map_err(|e| {
+fn build_flow(scene: &Scene, geometry: &Geometry) -> Result<Flow, Error> {
+    Flow::build(scene, geometry, &SceneFiles { memory_limit: memory_limit(scene) }).map_err(|e| {
         let key = e.key().to_string();
         in_scene(scene, &key, None, e)
     })

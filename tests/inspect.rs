@@ -1,6 +1,6 @@
 //! `curlsmoke flow slice` and `curlsmoke streamlines` as people run them, and their numbers against the field.
 
-use curlsmoke::flow::{NoFiles, VelocityField};
+use curlsmoke::flow::{Flow, NoFiles, VelocityField};
 use curlsmoke::geometry::Geometry;
 use curlsmoke::output::exr;
 use curlsmoke::output::image::{Attribute, Image};
@@ -127,6 +127,48 @@ fn channels_of_a_slice_are_the_field_of_the_frame() {
     assert!(inside > 20, "the ball is in the slice");
     assert_eq!((channel("lic").len(), channel("stream").len()), (64 * 36, 64 * 36));
     assert!(folder.path("a/b.lic.png").exists() && folder.path("a/b.stream.png").exists());
+}
+
+#[test]
+fn flows_along_tracks_are_seen_and_their_lines_stay_on_them() {
+    let folder = Folder::new();
+    let start = BALL.find("  potentials:").unwrap();
+    let end = BALL.find("lights:").unwrap();
+    let dfvn = "  dfvn: {length_scale: 0.3, speed: 0.5, inside: ball}\n";
+    let text = format!("{}{dfvn}{}", &BALL[..start], &BALL[end..])
+        .replace("disk: {center: [0, 0.1, 0], radius: 0.2}", "sphere: {center: [0, 1.1, 0], radius: 0.25}");
+    folder.write("tracks.yaml", &text);
+    let scene = Scene::from_text(&text, "tracks.yaml".as_ref()).unwrap_or_else(|e| panic!("{e}"));
+    let flow = Flow::build(&scene, &Geometry::build(&scene, &Silent).unwrap(), &NoFiles).unwrap();
+
+    let slice = ["flow", "slice", "tracks.yaml", "--plane", "z=0", "--size", "0.8x0.45", "--resolution", "64x36"];
+    let [out, _] = folder.expect(0, &[&slice[..], &["-q", "lic,distance,stream", "-o", "a.png"]].concat());
+    contains(&out, &["speed: RMS", "inside obstacles:", "stream function: accounts for"]);
+    let image = folder.exr("a.exr");
+    let channel = |name: &str| image.channel(name).unwrap_or_else(|| panic!("{name}"));
+    for i in 0..64 * 36 {
+        let (x, y) = ((i % 64) as f64 + 0.5, (i / 64) as f64 + 0.5);
+        let p = [0.8 * (x / 64.0 - 0.5), 1.0 + 0.45 * (0.5 - y / 36.0), 0.0];
+        let v = flow.span(0.0, 0.0).velocity(p, 0.0);
+        assert!((f64::from(channel("velocity.X")[i]) - v[0]).abs() < 1e-5, "at {p:?}");
+        let depth = 0.3 - DVec3::from_array(p).distance(DVec3::Y * 1.1);
+        // Positive where smoke may be, as for containers.
+        assert!((f64::from(channel("distance")[i]) - depth).abs() < 1e-6, "at {p:?}");
+    }
+
+    folder.expect(0, &["streamlines", "tracks.yaml", "-n", "20", "--length", "3m", "--step", "0.01", "-o", "a.obj"]);
+    let lines = polylines(&String::from_utf8(folder.read("a.obj")).unwrap());
+    let mut worst = 0.0f64;
+    for line in &lines {
+        let born = flow.iso_values(line[0].to_array()).unwrap();
+        for p in line {
+            let values = flow.iso_values(p.to_array()).unwrap();
+            worst = worst.max((values[0] - born[0]).abs()).max((values[1] - born[1]).abs());
+        }
+    }
+    println!("{} lines: values change by {worst:.1e} at most", lines.len());
+    // Files have single precision.
+    assert!(lines.len() > 15 && lines.iter().all(|line| line.len() > 50) && worst < 1e-6);
 }
 
 #[test]

@@ -52,6 +52,7 @@ fn field() -> VelocityField {
 fn emitter(place: Place, schedule: Schedule, seed: u64) -> Emitter {
     Emitter {
         place,
+        strands: None,
         schedule,
         start: -0.3,
         stop: f64::INFINITY,
@@ -104,7 +105,7 @@ fn after_96_frames_no_particle_is_inside_an_obstacle() {
         }
         let particles = system.at_frame(96, &Silent).unwrap().clone();
         let inside = (0..particles.len())
-            .filter(|&i| system.field().distance([0, 1, 2].map(|a| f64::from(particles.position[a][i])), 0.0) < 0.0)
+            .filter(|&i| system.walls().distance([0, 1, 2].map(|a| f64::from(particles.position[a][i])), 0.0) < 0.0)
             .count();
         println!(
             "{name}: {} alive of {seen} particle frames, {inside} inside; {} steps of {} corrected, {} born inside",
@@ -155,7 +156,7 @@ fn round_three_walls(count: u64, frames: i32) -> (usize, usize, f64) {
     let mut inside = 0;
     for frame in 1..=frames {
         let particles = system.at_frame(frame, &Silent).unwrap().clone();
-        let span = system.field().span(f64::from(frame - 1) / 24.0, 0.0);
+        let span = system.walls().span(f64::from(frame - 1) / 24.0, 0.0);
         let is_inside = |i: &usize| span.distance([0, 1, 2].map(|a| f64::from(particles.position[a][*i])), 0.0) < 0.0;
         inside += (0..particles.len()).into_par_iter().filter(is_inside).count();
     }
@@ -186,7 +187,7 @@ fn mass_velocity_age_and_radius_belong_to_the_frame() {
     let time = 9.0 / 24.0;
     for i in (0..particles.len()).step_by(17) {
         let p = [0, 1, 2].map(|a| f64::from(particles.position[a][i]));
-        let v = system.field().velocity(p, time);
+        let v = system.walls().velocity(p, time);
         for (exact, single) in v.iter().zip(&particles.velocity) {
             assert!((exact - f64::from(single[i])).abs() < 2e-3);
         }

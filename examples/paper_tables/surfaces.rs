@@ -4,8 +4,9 @@ use crate::Report;
 use crate::solids::{Camera, Hit, Picture};
 use curlsmoke::flow::bounded::{Ball, Bounded};
 use curlsmoke::flow::dfvn::{FromFn, Function};
+use curlsmoke::flow::pair::RMS_PRODUCT;
 use curlsmoke::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
-use curlsmoke::flow::simplex::{IN_PLANE, Simplex, Slope};
+use curlsmoke::flow::simplex::{Simplex, Slope};
 use curlsmoke::flow::surface::SurfaceFlow;
 use curlsmoke::geometry::primitive::{Primitive, Torus};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
@@ -189,7 +190,7 @@ pub fn figure_7(report: &mut Report) {
     for distance in [0.0, 0.15, 0.5] {
         let walker = trace(256, Integrator::RungeKutta, 2);
         let of = |hit: &Hit| {
-            let origin = walker.end(&functions, hit.place.to_array(), -distance / IN_PLANE);
+            let origin = walker.end(&functions, hit.place.to_array(), -distance / RMS_PRODUCT);
             let radius = DVec3::from_array(origin).length();
             let shell = (radius * 5.0).floor() as i32;
             if radius > 0.93 {

@@ -6,6 +6,7 @@ use crate::flow::simplex::Slope;
 use crate::geometry::sdf::PlacedSdf;
 use crate::math::interpolate::quintic_step;
 use crate::math::real::Lane;
+use std::sync::Arc;
 
 /// `(1 − α) d + α f`, where α goes from 0 at the wall to 1 at a depth of `width`, with two continuous derivatives.
 ///
@@ -90,6 +91,13 @@ impl Function<3> for PlacedSdf {
     fn at<L: Lane>(&self, p: [L; 3]) -> Slope<L, 3> {
         let found = self.slope(p);
         Slope { value: found.value, gradient: found.gradient }
+    }
+}
+
+impl<F: Function<N>, const N: usize> Function<N> for Arc<F> {
+    #[inline(always)]
+    fn at<L: Lane>(&self, p: [L; N]) -> Slope<L, N> {
+        F::at(self, p)
     }
 }
 

@@ -7,11 +7,13 @@ pub mod elements;
 pub mod field;
 pub mod flow_noise;
 pub mod gauge;
+pub mod kind;
 pub mod lift;
 pub mod mask;
 pub mod noise;
 pub mod obstacles;
 pub mod octaves;
+pub mod pair;
 pub mod potential;
 pub mod ramp;
 pub mod reproject;
@@ -19,6 +21,7 @@ pub mod settle;
 pub mod simplex;
 pub mod source;
 pub mod surface;
+pub mod tracks;
 pub mod turbulence;
 pub mod vortex;
 pub mod walls;
@@ -28,10 +31,14 @@ use crate::flow::mask::{Block, Mask, PlacedMask, Wake};
 use crate::flow::noise::RMS_SPEED;
 use crate::flow::obstacles::{Boundary, Wall, build_obstacles};
 use crate::flow::octaves::{Form, OctavesSettings, kolmogorov_gain, octaves};
+use crate::flow::pair::{Bound, Pair, Second, Turned};
+use crate::flow::reproject::{Repetition, Reprojection};
+use crate::flow::simplex::Simplex;
 use crate::flow::source::{Potential, Source};
+use crate::flow::tracks::Tracks;
 use crate::flow::vortex::{Vortex, smooth_curve};
 use crate::geometry::primitive::{Cuboid, Primitive, Sphere};
-use crate::geometry::sdf::PlacedSdf;
+use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::{Geometry, Shape};
 use crate::math::hash::Seed;
 use crate::math::lattice::Lattice;
@@ -42,11 +49,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 pub use crate::flow::field::VelocityField;
+pub use crate::flow::kind::Flow;
 
 /// Noise starts with this word in the derivation of its keys.
 const NOISE_KEYS: u64 = 0x6E6F_6973;
 /// And the noise of masks with this one.
 const MASK_KEYS: u64 = 0x6D61_736B;
+/// And that of flows along tracks with this one.
+const TRACK_KEYS: u64 = 0x7472_6163;
 
 /// Samples of a file that a mask is made of.
 #[derive(Debug, Clone)]
@@ -125,8 +135,21 @@ struct Builder<'a> {
     files: &'a dyn MaskFiles,
 }
 
-impl VelocityField {
+impl Flow {
     /// The flow of a scene.
+    ///
+    /// # Errors
+    /// Where the file of a mask cannot be read.
+    pub fn build(scene: &Scene, geometry: &Geometry, files: &dyn MaskFiles) -> Result<Self, FlowError> {
+        match &scene.settings.flow.dfvn {
+            Some(dfvn) => Ok(Self::Tracks(Builder { scene, geometry, files }.tracks(dfvn))),
+            None => Ok(Self::Curl(VelocityField::build(scene, geometry, files)?)),
+        }
+    }
+}
+
+impl VelocityField {
+    /// The curl of a scene's potentials.
     ///
     /// # Errors
     /// Where the file of a mask cannot be read.
@@ -160,9 +183,28 @@ impl Builder<'_> {
         self.geometry.shapes.iter().find(|shape| shape.name == name)
     }
 
+    fn tracks(&self, dfvn: &settings::Dfvn) -> Tracks {
+        let seed = Seed(self.scene.settings.smoke_seed()).derive(TRACK_KEYS).derive(dfvn.seed);
+        let noise = |i| Simplex::new(dfvn.length_scale, seed.derive(i));
+        // A mesh has no distance where a scene is only looked at.
+        let solid = |name: &Option<String>| self.shape(name.as_deref()?)?.sdf.clone();
+        let second = solid(&dfvn.along).map_or_else(|| Second::Noise(Turned::new(noise(1))), Second::Distance);
+        let bound = solid(&dfvn.inside).map(|solid| {
+            let depth = depth(&solid).unwrap_or(f64::INFINITY);
+            Bound { width: dfvn.margin.unwrap_or(dfvn.length_scale.min(depth)), solid }
+        });
+        let repetition = Repetition { steps: dfvn.reprojections, tolerance: 0.0 };
+        let reprojection = match dfvn.reprojection {
+            settings::ReprojectionKind::LeastNorm => Reprojection::LeastNorm(repetition),
+            settings::ReprojectionKind::Newton => Reprojection::Newton(repetition),
+        };
+        let walls = VelocityField::new(Vec::new(), build_obstacles(self.walls()));
+        Tracks::new(Pair::new(noise(0), second, bound), dfvn.speed, reprojection, walls)
+    }
+
     fn walls(&self) -> Vec<Wall> {
         let flow = &self.scene.settings.flow;
-        let named = flow.obstacles.iter().map(|name| (name, false)).chain(flow.containers.iter().map(|n| (n, true)));
+        let named = flow.obstacles.iter().map(|name| (name, false)).chain(flow.holders().map(|n| (n, true)));
         named
             .filter_map(|(name, is_container)| {
                 let shape = self.shape(name)?;
@@ -315,6 +357,18 @@ impl Builder<'_> {
             }
         })
     }
+}
+
+/// How deep the deepest point of a primitive is below its wall [m]; a mesh does not say.
+fn depth(solid: &PlacedSdf) -> Option<f64> {
+    let own = match solid.sdf() {
+        Sdf::Primitive(Primitive::Sphere(sphere)) => sphere.radius,
+        Sdf::Primitive(Primitive::Capsule(capsule)) => capsule.radius,
+        Sdf::Primitive(Primitive::Torus(torus)) => torus.minor_radius,
+        Sdf::Primitive(Primitive::Cuboid(cuboid)) => cuboid.half_size.min_element(),
+        _ => return None,
+    };
+    Some(own * f64::from(solid.placement().scale))
 }
 
 /// Half the middle extent of a solid's box [m]; 1 where it has no end.

@@ -13,6 +13,8 @@ const PARALLEL: [f64; 2] = [1e-5, 3e-3];
 pub enum Integrator {
     /// One evaluation, first order.
     Euler,
+    /// The midpoint rule: two evaluations, second order.
+    Midpoint,
     /// Classical Runge–Kutta: four evaluations, fourth order.
     RungeKutta,
 }
@@ -80,10 +82,25 @@ impl Trace {
         self.step_along(functions, p, field(functions, p), h, targets)
     }
 
-    /// A step whose first evaluation is known.
+    /// A step whose first evaluation is known. Compiled once for each kind of functions.
+    #[inline(never)]
+    fn step_along<L: Lane, const N: usize>(
+        &self,
+        functions: &impl Functions<N>,
+        p: [L; N],
+        first: [L; N],
+        h: L,
+        targets: &[L; N],
+    ) -> [L; N] {
+        h.outlined(
+            #[inline(always)]
+            || self.step_here(functions, p, first, h, targets),
+        )
+    }
+
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    fn step_along<L: Lane, const N: usize>(
+    fn step_here<L: Lane, const N: usize>(
         &self,
         functions: &impl Functions<N>,
         p: [L; N],
@@ -98,15 +115,19 @@ impl Trace {
             }
             q
         };
+        let half = h * h.lit(0.5);
         let mut slope = first;
-        if self.integrator == Integrator::RungeKutta {
-            let half = h * h.lit(0.5);
-            let second = field(functions, moved(&first, half));
-            let third = field(functions, moved(&second, half));
-            let fourth = field(functions, moved(&third, h));
-            for i in 0..N {
-                let middle = second[i] + third[i];
-                slope[i] = (first[i] + fourth[i] + middle + middle) * h.lit(1.0 / 6.0);
+        match self.integrator {
+            Integrator::Euler => {}
+            Integrator::Midpoint => slope = field(functions, moved(&slope, half)),
+            Integrator::RungeKutta => {
+                let second = field(functions, moved(&slope, half));
+                let third = field(functions, moved(&second, half));
+                let fourth = field(functions, moved(&third, h));
+                for i in 0..N {
+                    let middle = second[i] + third[i];
+                    slope[i] = (slope[i] + fourth[i] + middle + middle) * h.lit(1.0 / 6.0);
+                }
             }
         }
         let mut square = h.lit(0.0);

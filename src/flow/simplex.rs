@@ -12,9 +12,6 @@ const RADIUS_SQUARED: f64 = 0.5;
 /// Odd multipliers of lattice coordinates.
 const STRIDE: [u32; 7] = [0x9E37_79B1, 0x85EB_CA77, 0xC2B2_AE3D, 0x27D4_EB2F, 0x1656_67B1, 0xD3A2_646D, 0xFD70_46C5];
 
-/// What is left of a gradient of length 1 in space in the plane of a surface, as a root mean square: √(2/3).
-pub const IN_PLANE: f64 = 0.816_496_580_927_726;
-
 /// A value with its gradient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slope<L, const N: usize> {

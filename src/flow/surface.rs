@@ -1,9 +1,9 @@
 //! Flow along surfaces (Bærentzen et al. 2025, section 5.3): divergence-free vector noise of which one function is the
 //! distance of a solid, so that it never leaves the surface.
 
-use crate::flow::dfvn::{Function, Functions};
+use crate::flow::pair::{Pair, RMS_PRODUCT, Second};
 use crate::flow::reproject::Trace;
-use crate::flow::simplex::{IN_PLANE, Simplex, Slope};
+use crate::flow::simplex::Simplex;
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
@@ -31,8 +31,8 @@ pub struct SurfaceFlow {
 /// How a point of the surface is followed.
 #[derive(Debug, Clone)]
 struct Track {
-    noise: Simplex<3>,
     solid: Arc<PlacedSdf>,
+    functions: Pair,
     time: f64,
     trace: Trace,
 }
@@ -82,7 +82,8 @@ impl SurfaceFlow {
         cache: Option<CacheSettings>,
     ) -> Self {
         let cache = cache.filter(|_| distance != 0.0).and_then(|settings| Cache::new(&solid, settings));
-        let track = Track { noise: Simplex::new(length, seed), solid, time: distance / IN_PLANE, trace };
+        let functions = Pair::new(Simplex::new(length, seed), Second::Distance(solid.clone()), None);
+        let track = Track { solid, functions, time: distance / RMS_PRODUCT, trace };
         Self { track, cache }
     }
 
@@ -99,14 +100,7 @@ impl SurfaceFlow {
 impl Track {
     #[inline(always)]
     fn origin<L: Lane>(&self, p: [L; 3]) -> [L; 3] {
-        self.trace.end(self, p, p[0].lit(-self.time))
-    }
-}
-
-impl Functions<3> for Track {
-    #[inline(always)]
-    fn one<L: Lane>(&self, i: usize, p: [L; 3]) -> Slope<L, 3> {
-        if i == 0 { self.noise.at(p) } else { Function::at(&*self.solid, p) }
+        self.trace.end(&self.functions, p, p[0].lit(-self.time))
     }
 }
 
@@ -376,12 +370,12 @@ mod tests {
         let flow = SurfaceFlow::new(torus.clone(), 0.5, 1e-4, trace, Seed(4), None);
         for _ in 0..20 {
             let p = on_surface(&torus, &mut rng);
-            let (f, d) = (flow.track.noise.at(p), torus.slope(p));
+            let (f, d) = (Simplex::<3>::new(0.5, Seed(4)).at(p), torus.slope(p));
             let along = crate::math::real::cross(f.gradient, d.gradient);
             let origin = flow.origin(p);
             for i in 0..3 {
                 // What is here now came from where the flow comes from.
-                assert!((origin[i] - (p[i] - 1e-4 / IN_PLANE * along[i])).abs() < 1e-12);
+                assert!((origin[i] - (p[i] - 1e-4 / RMS_PRODUCT * along[i])).abs() < 1e-12);
             }
         }
     }

@@ -202,7 +202,7 @@ impl Geometry {
     pub fn camera_warning(&self, scene: &Scene) -> Option<String> {
         let camera = DVec3::from_array(scene.settings.camera.position);
         // A container may be the room that the camera stands in.
-        let is_solid = |shape: &Shape| shape.visible && !scene.settings.flow.containers.contains(&shape.name);
+        let is_solid = |shape: &Shape| shape.visible && !scene.settings.flow.holders().any(|name| *name == shape.name);
         let around = self.at(0.0).shapes.into_iter().find(|shape| is_solid(shape) && shape.contains(camera))?;
         let place = scene.place("camera.position");
         let is_plane = scene.settings.shapes.get(&around.name).is_some_and(|shape| shape.plane.is_some());
@@ -282,13 +282,12 @@ fn needs_distance(scene: &Scene, name: &str) -> bool {
     if scene.settings.shapes.get(name).is_some_and(|shape| shape.surface_flow.is_some()) {
         return true;
     }
-    let is_wall = flow.obstacles.iter().chain(&flow.containers).any(|wall| wall == name);
     let is_mask = |mask: &settings::Mask| match mask {
         settings::Mask::Shape(mask) => mask.name == name,
         settings::Mask::Wake(mask) => mask.shape == name,
         _ => false,
     };
-    is_wall || flow.potentials.iter().flat_map(|p| p.masks()).any(is_mask)
+    flow.minds(name) || flow.potentials.iter().flat_map(|p| p.masks()).any(is_mask)
 }
 
 fn memory_limit(scene: &Scene) -> u64 {

@@ -16,7 +16,7 @@ pub mod stream;
 pub mod streamlines;
 pub mod warp;
 
-use crate::flow::VelocityField;
+use crate::flow::Flow;
 use crate::geometry::Geometry;
 use crate::inspect::plane::Perspective;
 use crate::inspect::probe::SceneFlow;
@@ -44,7 +44,9 @@ pub enum InspectError {
     #[error(transparent)]
     Emitter(#[from] ParticlesError),
     /// There is no distance without obstacles.
-    #[error("the scene has no flow.obstacles, so there is no distance to draw; choose another --quantity")]
+    #[error(
+        "the scene has no flow.obstacles, flow.containers or flow.dfvn.inside, so there is no distance to draw; choose another --quantity"
+    )]
     NoObstacles,
     /// No line came of any seed.
     #[error(
@@ -72,7 +74,7 @@ pub enum InspectError {
 
 /// A scene made ready to be looked at, at one frame.
 pub struct Inspection {
-    field: VelocityField,
+    flow: Flow,
     geometry: Geometry,
     emitters: Vec<settings::Emitter>,
     camera: Perspective,
@@ -87,12 +89,12 @@ impl Inspection {
     ///
     /// # Panics
     /// When the camera looks nowhere, which no valid scene does.
-    pub fn build(scene: &Scene, frame: i32, geometry: Geometry, field: VelocityField) -> Self {
+    pub fn build(scene: &Scene, frame: i32, geometry: Geometry, flow: Flow) -> Self {
         let settings = &scene.settings;
         let camera = &settings.camera;
         let [position, look_at, up] = [camera.position, camera.look_at, camera.up].map(DVec3::from_array);
         Self {
-            field,
+            flow,
             geometry,
             emitters: settings.smoke.as_ref().map(|smoke| smoke.emitters.clone()).unwrap_or_default(),
             camera: Perspective::try_new(position, look_at, up, camera.vertical_fov_deg)
@@ -127,17 +129,17 @@ impl Inspection {
 
     /// Whether the flow has something to go round.
     pub fn has_obstacles(&self) -> bool {
-        !self.field.obstacles().is_empty()
+        !self.flow.walls().obstacles().is_empty()
     }
 
     /// The flow as it stands at the frame.
     pub fn frozen(&self) -> SceneFlow<'_> {
-        SceneFlow::frozen(&self.field, self.time)
+        SceneFlow::frozen(&self.flow, self.time)
     }
 
     /// The flow from the frame on, as long as lines with these settings need it.
     pub fn moving(&self, settings: &TraceSettings) -> SceneFlow<'_> {
-        SceneFlow::moving(&self.field, settings.start, settings.even_step(), settings.step_count())
+        SceneFlow::moving(&self.flow, settings.start, settings.even_step(), settings.step_count())
     }
 
     /// Points all over the emitters of the scene, the same number for each, `count` in all.
@@ -164,6 +166,7 @@ impl Inspection {
     fn emitter(&self, e: &settings::Emitter, emitter_idx: usize, count: u64) -> Result<Emitter, InspectError> {
         Ok(Emitter {
             place: build_place(e, emitter_idx, &self.geometry)?,
+            strands: None,
             schedule: Schedule::Count(count),
             // Where the shape that it is on has moved to.
             start: self.time,
@@ -203,7 +206,7 @@ fn bytes_per_step(flow: &settings::Flow) -> u64 {
         settings::Potential::Noise(noise) => u64::from(noise.octaves),
         _ => 1,
     };
-    let walls = (flow.obstacles.len() + flow.containers.len()) as u64;
+    let walls = (flow.obstacles.len() + flow.holders().count()) as u64;
     1024 * flow.potentials.iter().map(octaves).sum::<u64>() * (1 + walls)
 }
 
@@ -211,7 +214,7 @@ fn bytes_per_step(flow: &settings::Flow) -> u64 {
 mod tests {
     use super::*;
     use crate::flow::NoFiles;
-    use crate::inspect::probe::Flow;
+    use crate::inspect::probe::Flow as _;
     use crate::progress::Silent;
     use std::path::Path;
 
@@ -247,8 +250,8 @@ smoke:
     fn inspection(frame: i32) -> Inspection {
         let scene = Scene::from_text(SCENE, Path::new("test.yaml")).unwrap_or_else(|e| panic!("{e}"));
         let geometry = Geometry::build(&scene, &Silent).unwrap();
-        let field = VelocityField::build(&scene, &geometry, &NoFiles).unwrap();
-        Inspection::build(&scene, frame, geometry, field)
+        let flow = Flow::build(&scene, &geometry, &NoFiles).unwrap();
+        Inspection::build(&scene, frame, geometry, flow)
     }
 
     #[test]
@@ -256,12 +259,12 @@ smoke:
         let inspection = inspection(8);
         let p = DVec3::new(0.3, 0.6, 0.2);
         assert!((inspection.time() - 0.3).abs() < 1e-12 && inspection.has_obstacles());
-        let truth = DVec3::from_array(inspection.field.velocity(p.to_array(), inspection.time()));
+        let truth = DVec3::from_array(inspection.flow.span(inspection.time(), 0.0).velocity(p.to_array(), 0.0));
         assert_eq!(inspection.frozen().velocity(p, 99.0), truth);
         let settings = TraceSettings { reach: streamlines::Reach::Seconds(1.0), step: 0.01, start: inspection.time() };
         let moving = inspection.moving(&settings);
         for time in [0.3, 0.3049, 0.7, 1.2999] {
-            let truth = DVec3::from_array(inspection.field.velocity(p.to_array(), time));
+            let truth = DVec3::from_array(inspection.flow.span(time, 0.0).velocity(p.to_array(), 0.0));
             let found = moving.velocity(p, time);
             assert!(found.distance(truth) < 1e-5, "{time}: {found} {truth}");
         }

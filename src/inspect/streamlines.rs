@@ -101,12 +101,13 @@ fn line(flow: &impl Flow, seed: DVec3, settings: &TraceSettings) -> Option<Line>
         return None;
     }
     let step = settings.even_step();
+    let iso_values = flow.iso_values(seed);
     let mut points = vec![point(flow, seed, settings.start)];
     let (mut way, mut end) = (0.0, None);
     for n in 0..settings.step_count() {
         let last = points[points.len() - 1];
         let time = settings.start + n as f64 * step;
-        let (mut next, mut taken) = (advanced(flow, last.position, time, step), step);
+        let (mut next, mut taken) = (advanced(flow, last.position, time, step, iso_values), step);
         if !next.is_finite() {
             end = Some(LineEnd::NotFinite);
             break;
@@ -116,7 +117,7 @@ fn line(flow: &impl Flow, seed: DVec3, settings: &TraceSettings) -> Option<Line>
             && way + length >= metres
         {
             taken *= (metres - way) / length;
-            next = advanced(flow, last.position, time, taken);
+            next = advanced(flow, last.position, time, taken, iso_values);
             length = next.distance(last.position);
             end = Some(LineEnd::Whole);
         }
@@ -148,13 +149,17 @@ fn point(flow: &impl Flow, position: DVec3, time: f64) -> LinePoint {
     LinePoint { position, speed: flow.velocity(position, time).length(), time }
 }
 
-/// One step of the classical Runge–Kutta method.
-fn advanced(flow: &impl Flow, p: DVec3, time: f64, step: f64) -> DVec3 {
+/// One step of the classical Runge–Kutta method, put back to where the flow keeps its values.
+fn advanced(flow: &impl Flow, p: DVec3, time: f64, step: f64, iso_values: Option<[f64; 2]>) -> DVec3 {
     let k1 = flow.velocity(p, time);
     let k2 = flow.velocity(p + k1 * (0.5 * step), time + 0.5 * step);
     let k3 = flow.velocity(p + k2 * (0.5 * step), time + 0.5 * step);
     let k4 = flow.velocity(p + k3 * step, time + step);
-    p + (k1 + 2.0 * (k2 + k3) + k4) * (step / 6.0)
+    let way = (k1 + 2.0 * (k2 + k3) + k4) * (step / 6.0);
+    match iso_values {
+        Some(values) => flow.put_back(p + way, way.length(), values),
+        None => p + way,
+    }
 }
 
 /// The share of the way from `a` to `b` at which an obstacle is entered, just outside of it; `clearance` is the

@@ -3,8 +3,9 @@
 
 use crate::flow::bounded::{Ball, Bounded};
 use crate::flow::lift::{Height, Upright};
+use crate::flow::pair::RMS_PRODUCT;
 use crate::flow::reproject::Trace;
-use crate::flow::simplex::{IN_PLANE, Simplex};
+use crate::flow::simplex::Simplex;
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
 use crate::output::image::Image;
@@ -58,7 +59,7 @@ impl Warp {
         let functions = (Simplex::<3>::new(self.length, self.seed), bound);
         for (i, origin) in row.iter_mut().enumerate() {
             let p = [(i as f64 + 0.5) / edge, y / edge, 0.0];
-            let q = self.trace.end(&functions, p, -self.distance / IN_PLANE);
+            let q = self.trace.end(&functions, p, -self.distance / RMS_PRODUCT);
             *origin = [q[0], q[1]].map(|x| (x * edge) as f32);
         }
     }

@@ -4,28 +4,34 @@
 //! share a register changes a bit.
 
 use crate::flow::field::FieldSpan;
+use crate::flow::reproject::Integrator;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
 use crate::math::real::{Lane, triple};
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Particles that a thread takes at a time: some hundred microseconds of work.
-const CHUNK: usize = 1024;
+pub(in crate::particles) const CHUNK: usize = 1024;
 
 /// A Runge–Kutta scheme in which each stage starts from the one before: nodes and weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scheme {
     nodes: &'static [f64],
     weights: &'static [f64],
+    /// The same for steps along tracks.
+    pub integrator: Integrator,
 }
 
 /// One evaluation, first order.
-pub const EULER: Scheme = Scheme { nodes: &[0.0], weights: &[1.0] };
+pub const EULER: Scheme = Scheme { nodes: &[0.0], weights: &[1.0], integrator: Integrator::Euler };
 /// The midpoint rule: two evaluations, second order.
-pub const MIDPOINT: Scheme = Scheme { nodes: &[0.0, 0.5], weights: &[0.0, 1.0] };
+pub const MIDPOINT: Scheme = Scheme { nodes: &[0.0, 0.5], weights: &[0.0, 1.0], integrator: Integrator::Midpoint };
 /// Classical Runge–Kutta: four evaluations, fourth order.
-pub const CLASSICAL: Scheme =
-    Scheme { nodes: &[0.0, 0.5, 0.5, 1.0], weights: &[1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0] };
+pub const CLASSICAL: Scheme = Scheme {
+    nodes: &[0.0, 0.5, 0.5, 1.0],
+    weights: &[1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
+    integrator: Integrator::RungeKutta,
+};
 
 impl Scheme {
     /// Velocity evaluations of a step.
@@ -61,25 +67,39 @@ impl Kernel for Step<'_, '_> {
                 None => zero,
             };
             let q = advanced(self.span, self.scheme, self.duration, p, phase);
-            q[0].store(&mut x[start..]);
-            q[1].store(&mut y[start..]);
-            q[2].store(&mut z[start..]);
-            if let Some(suspicion) = self.span.suspicion(p, phase, q) {
-                for i in start..(start + L::WIDTH).min(x.len()) {
-                    let lane = i - start;
-                    // Written so that NaN is looked at too.
-                    if suspicion.lane(lane) >= 0.0 {
-                        continue;
-                    }
-                    let from = triple!(axis => p[axis].lane(lane) as f32);
-                    let (to, moved) = self.span.settled(from, [x[i], y[i], z[i]], phase.lane(lane));
-                    [x[i], y[i], z[i]] = to;
-                    corrected += u64::from(moved);
-                }
-            }
+            corrected += settle(self.span, p, phase, q, [&mut x[start..], &mut y[start..], &mut z[start..]]);
         }
         corrected
     }
+}
+
+/// Writes the ends `q` of the steps of some lanes; those that may have ended inside an obstacle are looked at one by one.
+/// Returns how many had to be moved.
+#[inline(always)]
+pub(in crate::particles) fn settle<L: Batch>(
+    span: &FieldSpan,
+    p: [L; 3],
+    phase: L,
+    q: [L; 3],
+    [x, y, z]: [&mut [f32]; 3],
+) -> u64 {
+    q[0].store(x);
+    q[1].store(y);
+    q[2].store(z);
+    let mut corrected = 0;
+    if let Some(suspicion) = span.suspicion(p, phase, q) {
+        for lane in 0..L::WIDTH.min(x.len()) {
+            // Written so that NaN is looked at too.
+            if suspicion.lane(lane) >= 0.0 {
+                continue;
+            }
+            let from = triple!(axis => p[axis].lane(lane) as f32);
+            let (to, moved) = span.settled(from, [x[lane], y[lane], z[lane]], phase.lane(lane));
+            [x[lane], y[lane], z[lane]] = to;
+            corrected += u64::from(moved);
+        }
+    }
+    corrected
 }
 
 /// Where particles at `p` are at the end of a span, if they begin at `phase` of it.

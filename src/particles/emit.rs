@@ -12,6 +12,8 @@ use std::sync::Arc;
 pub struct Emitter {
     /// Where particles start.
     pub place: Place,
+    /// Where in it: at so many points, one particle after the other, or all over it where `None`.
+    pub strands: Option<u64>,
     /// How many there are.
     pub schedule: Schedule,
     /// When the first may be born [s].
@@ -194,7 +196,9 @@ impl Emitter {
     pub fn birth(&self, index: u64) -> Option<Birth> {
         let time = self.birth_time(index)?;
         let spread = self.lifetime_spread * (2.0 * self.draw(index, Draw::Lifetime) - 1.0);
-        let draws = [Draw::First, Draw::Second, Draw::Third].map(|d| self.draw(index, d));
+        // The first particle of a strand draws the place of all that follow.
+        let placed = self.strands.map_or(index, |strands| index % strands.max(1));
+        let draws = [Draw::First, Draw::Second, Draw::Third].map(|d| self.draw(placed, d));
         let rest = self.place.point(draws);
         let position = match &self.motion {
             Some((motion, pivot)) => {
@@ -244,6 +248,7 @@ mod tests {
     pub(crate) fn emitter(place: Place, schedule: Schedule) -> Emitter {
         Emitter {
             place,
+            strands: None,
             schedule,
             start: -0.5,
             stop: 3.0,
@@ -299,6 +304,21 @@ mod tests {
             };
             assert!((found - expected).abs() < 0.02 * expected.max(0.5), "{found} {expected}");
         }
+    }
+
+    #[test]
+    fn strands_begin_at_fixed_points_that_fill_the_place_and_take_turns() {
+        let ball = Place::Ball { center: DVec3::ZERO, radius: 1.0 };
+        let whole = emitter(ball, Schedule::Rate(1000.0));
+        let strands = Emitter { strands: Some(300), ..whole.clone() };
+        for i in 0..900 {
+            let (birth, first) = (strands.birth(i).unwrap(), whole.birth(i % 300).unwrap());
+            assert_eq!(birth.position, first.position);
+            // Only the place is shared.
+            assert_eq!((birth.time, birth.lifetime), (whole.birth(i).unwrap().time, whole.birth(i).unwrap().lifetime));
+        }
+        let mean = (0..300).map(|i| Vec3::from_array(strands.birth(i).unwrap().position)).sum::<Vec3>() / 300.0;
+        assert!(mean.length() < 0.1, "{mean}");
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 pub mod advect;
 pub mod emit;
+pub mod follow;
 pub mod system;
 
-use crate::flow::VelocityField;
+use crate::flow::Flow;
 use crate::geometry::Geometry;
 use crate::geometry::motion::Motion;
 use crate::math::hash::Seed;
@@ -104,7 +105,7 @@ impl ParticleSystem {
     ///
     /// # Errors
     /// Too many particles for the memory limit, an emitter whose shape is no mesh, or no emitters at all.
-    pub fn build(scene: &Scene, geometry: &Geometry, field: VelocityField) -> Result<Self, ParticlesError> {
+    pub fn build(scene: &Scene, geometry: &Geometry, flow: Flow) -> Result<Self, ParticlesError> {
         let settings = &scene.settings;
         let smoke = settings.smoke.as_ref().ok_or(ParticlesError::NoEmitters)?;
         let grid = smoke.grid.as_ref().ok_or(ParticlesError::NoEmitters)?;
@@ -124,7 +125,7 @@ impl ParticleSystem {
         let least = KERNEL_VOXELS * grid.voxel_size;
         let kernel =
             KernelSize { initial_radius: grid.kernel_radius.unwrap_or(least).max(least), expansion: grid.expansion };
-        Ok(Self::new(field, emitters, time, scheme, kernel))
+        Ok(Self::new(flow, emitters, time, scheme, kernel))
     }
 }
 
@@ -182,6 +183,7 @@ fn build_emitter(
     };
     Ok(Emitter {
         place: build_place(e, emitter_idx, geometry)?,
+        strands: e.strands,
         motion: emitter_motion(e, geometry),
         schedule,
         start: e.start,

@@ -3,9 +3,11 @@
 //! A particle's path depends on nothing but its own birth and the field, so a frame computed alone (from the oldest
 //! particle that may still live) is the same to the last bit as at the end of a sequence.
 
-use crate::flow::field::{FieldSpan, VelocityField};
+use crate::flow::field::VelocityField;
+use crate::flow::kind::{Flow, FlowSpan};
 use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
 use crate::particles::emit::{Birth, Emitter};
+use crate::particles::follow::{IsoValues, Stride, follow, velocities};
 use crate::particles::{Particles, ParticlesError};
 use crate::progress::{Progress, Stage};
 use std::sync::Arc;
@@ -59,6 +61,8 @@ pub struct KernelSize {
 #[derive(Debug, Clone, Default)]
 struct Cloud {
     position: Coordinates,
+    /// Of flows along tracks; else empty.
+    iso_values: IsoValues,
     birth: Vec<f64>,
     lifetime: Vec<f32>,
     index: Vec<u64>,
@@ -67,7 +71,7 @@ struct Cloud {
 /// Particles in motion.
 #[derive(Debug)]
 pub struct ParticleSystem {
-    field: Arc<VelocityField>,
+    flow: Arc<Flow>,
     emitters: Vec<Emitter>,
     grid: TimeGrid,
     scheme: Scheme,
@@ -86,7 +90,7 @@ pub struct ParticleSystem {
 impl ParticleSystem {
     /// A system that is at no frame yet.
     pub fn new(
-        field: VelocityField,
+        flow: impl Into<Flow>,
         emitters: Vec<Emitter>,
         grid: TimeGrid,
         scheme: Scheme,
@@ -94,7 +98,7 @@ impl ParticleSystem {
     ) -> Self {
         Self {
             clouds: vec![Cloud::default(); emitters.len()],
-            field: Arc::new(field),
+            flow: Arc::new(flow.into()),
             emitters,
             grid,
             scheme,
@@ -109,9 +113,9 @@ impl ParticleSystem {
         }
     }
 
-    /// The velocity field.
-    pub fn field(&self) -> &VelocityField {
-        &self.field
+    /// A field with the walls of the flow.
+    pub fn walls(&self) -> &VelocityField {
+        self.flow.walls()
     }
 
     /// Steps that ended inside an obstacle and were put back on its wall, since the system was made.
@@ -131,7 +135,7 @@ impl ParticleSystem {
         const PARTICLES: u64 = 256;
         let emitter = self.emitters.get(emitter_idx)?;
         let births: Vec<_> = (0..PARTICLES).filter_map(|index| emitter.birth(index)).collect();
-        let is_inside = |birth: &&Birth| self.field.distance(birth.position.map(f64::from), birth.time) < 0.0;
+        let is_inside = |birth: &&Birth| self.walls().distance(birth.position.map(f64::from), birth.time) < 0.0;
         let inside = births.iter().filter(is_inside).count();
         (!births.is_empty()).then(|| inside as f64 / births.len() as f64)
     }
@@ -167,8 +171,8 @@ impl ParticleSystem {
             }
         };
         progress.begin(Stage::Advect, self.expected_work(step, target));
-        let field = self.field.clone();
-        let mut span = field.span(self.grid.time(step), self.grid.step());
+        let flow = self.flow.clone();
+        let mut span = flow.span(self.grid.time(step), self.grid.step());
         while step < target {
             if progress.is_cancelled() {
                 progress.end(Stage::Advect);
@@ -204,8 +208,8 @@ impl ParticleSystem {
     }
 
     /// Takes all clouds from the beginning of a step to its end; returns the number of particle steps. `span` is any of the
-    /// field's, for its memory.
-    fn take_step(&mut self, step: i64, span: &mut FieldSpan) -> u64 {
+    /// flow's, for its memory.
+    fn take_step(&mut self, step: i64, span: &mut FlowSpan) -> u64 {
         let (start, end) = (self.grid.time(step), self.grid.time(step + 1));
         let duration = self.grid.step();
         span.renew(start, duration);
@@ -219,15 +223,22 @@ impl ParticleSystem {
                     continue;
                 }
                 let phase = (((birth.time - start) / duration) as f32).clamp(0.0, 1.0);
-                let (position, moved) = span.pushed_out(birth.position, f64::from(phase));
+                let (position, moved) = span.walls().pushed_out(birth.position, f64::from(phase));
                 self.born += 1;
                 self.born_inside += u64::from(moved);
-                cloud.push(index, birth.time, birth.lifetime, position);
+                cloud.push(index, &birth, position, self.flow.iso_values(position.map(f64::from)));
                 self.phases.push(phase);
             }
             let (all, phases) = (cloud.index.len(), Some(self.phases.as_slice()));
             for (range, phases) in [(0..older, None), (older..all, phases)] {
-                self.penetrations += advance(span, self.scheme, duration, &mut cloud.position, range, phases);
+                let Cloud { position, iso_values, .. } = cloud;
+                self.penetrations += match span {
+                    FlowSpan::Curl(span) => advance(span, self.scheme, duration, position, range, phases),
+                    FlowSpan::Tracks(tracks, walls) => {
+                        let stride = Stride { tracks, walls, integrator: self.scheme.integrator, duration };
+                        follow(stride, position, iso_values, range, phases)
+                    }
+                };
             }
             work += cloud.index.len() as u64;
             cloud.bury(end);
@@ -255,24 +266,30 @@ impl ParticleSystem {
         }
         let count = frame.id.len();
         frame.velocity.iter_mut().for_each(|v| v.resize(count, 0.0));
-        evaluate(&self.field.span(time, 0.0), &frame.position, &mut frame.velocity);
+        match &*self.flow {
+            Flow::Curl(field) => evaluate(&field.span(time, 0.0), &frame.position, &mut frame.velocity),
+            Flow::Tracks(tracks) => velocities(tracks, &frame.position, &mut frame.velocity),
+        }
     }
 }
 
 impl Cloud {
     fn clear(&mut self) {
-        self.position.iter_mut().for_each(Vec::clear);
+        self.position.iter_mut().chain(&mut self.iso_values).for_each(Vec::clear);
         self.birth.clear();
         self.lifetime.clear();
         self.index.clear();
     }
 
-    fn push(&mut self, index: u64, birth: f64, lifetime: f32, position: [f32; 3]) {
+    fn push(&mut self, index: u64, birth: &Birth, position: [f32; 3], iso_values: Option<[f64; 2]>) {
         for (array, x) in self.position.iter_mut().zip(position) {
             array.push(x);
         }
-        self.birth.push(birth);
-        self.lifetime.push(lifetime);
+        for (array, value) in self.iso_values.iter_mut().zip(iso_values.into_iter().flatten()) {
+            array.push(value as f32);
+        }
+        self.birth.push(birth.time);
+        self.lifetime.push(birth.lifetime);
         self.index.push(index);
     }
 
@@ -282,13 +299,14 @@ impl Cloud {
         for i in 0..self.index.len() {
             if time - self.birth[i] < f64::from(self.lifetime[i]) {
                 self.position.iter_mut().for_each(|a| a[kept] = a[i]);
+                self.iso_values.iter_mut().filter(|a| !a.is_empty()).for_each(|a| a[kept] = a[i]);
                 self.birth[kept] = self.birth[i];
                 self.lifetime[kept] = self.lifetime[i];
                 self.index[kept] = self.index[i];
                 kept += 1;
             }
         }
-        self.position.iter_mut().for_each(|a| a.truncate(kept));
+        self.position.iter_mut().chain(&mut self.iso_values).for_each(|a| a.truncate(kept));
         self.birth.truncate(kept);
         self.lifetime.truncate(kept);
         self.index.truncate(kept);

@@ -8,7 +8,7 @@ use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
 use crate::output::sidecar::{MassFigures, Sidecar};
 use crate::particles::ParticleSystem;
-use crate::pipeline::{BORN_INSIDE_NOTED, build_field, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
+use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::Scene;
 use crate::scene::pattern::Pattern;
@@ -45,7 +45,7 @@ impl SmokeSource {
             soft_radius: grid.soft_radius,
             memory_limit_bytes: grid_memory_limit(scene, 0),
         };
-        let system = ParticleSystem::build(scene, geometry, build_field(scene, geometry)?)
+        let system = ParticleSystem::build(scene, geometry, build_flow(scene, geometry)?)
             .map_err(|e| in_scene(scene, "smoke.emitters", None, e))?;
         Ok(Self::Particles { system: Box::new(system), splat, is_told: false })
     }
@@ -66,8 +66,8 @@ impl SmokeSource {
                 let particles = system.particles();
                 record.add_time(Stage::Advect, start.elapsed());
                 record.particles = particles.mass.len() as u64;
-                let walls = FlowObstacles(system.field().span(time_of(scene, frame), 0.0));
-                let has_walls = !system.field().obstacles().is_empty();
+                let walls = FlowObstacles(system.walls().span(time_of(scene, frame), 0.0));
+                let has_walls = !system.walls().obstacles().is_empty();
                 let input = SplatInput {
                     position: particles.position.each_ref().map(Vec::as_slice),
                     velocity: particles.velocity.each_ref().map(Vec::as_slice),
@@ -87,7 +87,7 @@ impl SmokeSource {
                 let share = record.born_inside as f64 / record.born.max(1) as f64;
                 if share > BORN_INSIDE_NOTED && !*is_told {
                     *is_told = true;
-                    progress.note(&format!("frame {frame}: {}", born_inside_text("the particles were", share)));
+                    progress.note(&format!("frame {frame}: {}", born_inside_text(scene, "the particles were", share)));
                 }
                 splat.grid
             }
@@ -105,8 +105,16 @@ impl SmokeSource {
     }
 }
 
-/// That most of `whose` particles begin inside obstacles, and what to do.
-pub(super) fn born_inside_text(whose: &str, share: f64) -> String {
+/// That most of `whose` particles begin where the flow must not be, and what to do.
+pub(super) fn born_inside_text(scene: &Scene, whose: &str, share: f64) -> String {
+    let dfvn = scene.settings.flow.dfvn.as_ref();
+    if let Some(shape) = dfvn.and_then(|dfvn| dfvn.inside.as_ref()) {
+        return format!(
+            "{:.0} % of {whose} born outside of `{shape}`, in which flow.dfvn holds them, and put on its wall; move the \
+             emitter into it, or make it smaller",
+            100.0 * share
+        );
+    }
     format!(
         "{:.0} % of {whose} born inside obstacles and put on their walls; move the emitter out of the shapes in \
          flow.obstacles (of a mesh, raise its `offset`), or take them off that list",

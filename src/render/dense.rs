@@ -32,13 +32,23 @@ pub fn cross(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2], tau_left: f64
     Crossing::Through(tau)
 }
 
+/// The density of the piece of the ray between distances `t0` and `t1` [m], added up along it [density unit · m].
+pub fn column(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2]) -> f64 {
+    let density = |t: f64| f64::from(medium.density(line.at(t as f32)));
+    VoxelWalk::new(line, t0, t1).map(|[a, b]| integral(density, a, b)).sum()
+}
+
 /// Optical depth between two distances within one voxel.
 fn optical_depth(medium: &Medium, line: &IndexRay, a: f64, b: f64) -> f64 {
+    integral(|t| f64::from(medium.sigma_t(line.at(t as f32))), a, b)
+}
+
+/// The integral of a cubic from `a` to `b`.
+fn integral(cubic: impl Fn(f64) -> f64, a: f64, b: f64) -> f64 {
     // Half the distance between the nodes of Gauss' rule over [−1, 1].
     const NODE: f64 = 0.577_350_269_189_625_8;
     let (middle, half) = (0.5 * (a + b), 0.5 * (b - a));
-    let sigma = |t: f64| f64::from(medium.sigma_t(line.at(t as f32)));
-    half * (sigma(middle - NODE * half) + sigma(middle + NODE * half))
+    half * (cubic(middle - NODE * half) + cubic(middle + NODE * half))
 }
 
 /// Where on [a, b] within one voxel the optical depth from `a` reaches `tau`.

@@ -3,12 +3,14 @@
 //! A path flies freely through the smoke (delta tracking), scatters at smoke and surfaces, and at every scattering asks
 //! one light for a direct connection. Directions sampled by the light and by the scattering are weighted against each
 //! other by the power heuristic (Veach 1997, *Robust Monte Carlo methods for light transport simulation*, §9.2.4), so
-//! every light that a path meets by itself counts with the complementary weight.
+//! every light that a path meets by itself counts with the complementary weight. What smoke itself gives off is collected
+//! along every flight.
 
 use crate::geometry::embree::{Hit, Ray, TraceScene};
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
+use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
 use crate::render::material::{Bsdf, Material};
 use crate::render::medium::Medium;
@@ -123,7 +125,12 @@ impl<'a> Integrator<'a> {
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
             let light = self.world.nearest_light(&ray, surface_t);
             let t_max = light.map_or(surface_t, |(t, ..)| t);
-            let vertex = match self.fly(&ray, t_max, numbers[0], sampler) {
+            let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler);
+            if let Some(medium) = self.medium.filter(|medium| medium.emission != Vec3::ZERO) {
+                // No light of the direct connections either.
+                contribution.radiance += throughput * collected(medium, &ray, end);
+            }
+            let vertex = match vertex {
                 Some(vertex) => vertex,
                 None => match (light, hit) {
                     (Some((_, radiance, light_pdf)), _) => {
@@ -175,14 +182,14 @@ impl<'a> Integrator<'a> {
         unreachable!("the loop ends by returning")
     }
 
-    /// The place where the ray meets smoke before `t_max`, if it does.
-    fn fly(&self, ray: &Ray, t_max: f32, u: f32, sampler: &mut Sampler) -> Option<Vertex<'a>> {
-        let medium = self.medium?;
+    /// The place where the ray meets smoke before `t_max`, if it does, and the distance at which its flight ends [m].
+    fn fly(&self, ray: &Ray, t_max: f32, u: f32, sampler: &mut Sampler) -> (Option<Vertex<'a>>, f32) {
+        let Some(medium) = self.medium else { return (None, t_max) };
         // A collision that rounding moves behind the surface would be caught inside the solid for good.
         let t_max = t_max * (1.0 - CLEARANCE) - CLEARANCE * ray.origin.0.abs().max_element();
         match sample_collision(medium, ray, t_max, u, sampler.stream()) {
-            Event::Collision { t } => Some(Vertex::Smoke { point: ray.at(t), medium, before: ray.direction }),
-            Event::Escape => None,
+            Event::Collision { t } => (Some(Vertex::Smoke { point: ray.at(t), medium, before: ray.direction }), t),
+            Event::Escape => (None, t_max),
         }
     }
 

@@ -15,6 +15,8 @@ pub struct Medium {
     majorants: MajorantGrid,
     /// Extinction coefficient of density 1 [1/m], ≥ 0.
     extinction: f32,
+    /// Light that density 1 gives off [W/(m³ sr)], each channel ≥ 0.
+    pub emission: Rgb,
     /// Share of the extinction that scatters, each channel in [0, 1].
     pub albedo: Rgb,
     /// Directions of scattering.
@@ -22,16 +24,22 @@ pub struct Medium {
 }
 
 impl Medium {
-    /// Smoke with `sigma_t = extinction · density` [1/m].
+    /// Smoke with `sigma_t = extinction · density` [1/m], which gives off no light.
     pub fn new(grid: DensityGrid, extinction: f32, albedo: Rgb, phase: Phase) -> Self {
         let majorants = MajorantGrid::new(&grid);
-        Self { grid, majorants, extinction, albedo, phase }
+        Self { grid, majorants, extinction, emission: Rgb::ZERO, albedo, phase }
     }
 
     /// Extinction coefficient [1/m] at `p`.
     #[inline]
     pub fn sigma_t(&self, p: IndexPoint) -> f32 {
         self.extinction * self.grid.density_at(p)
+    }
+
+    /// Density at `p`.
+    #[inline]
+    pub fn density(&self, p: IndexPoint) -> f32 {
+        self.grid.density_at(p)
     }
 
     /// The ray in the index space of the density.

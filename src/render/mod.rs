@@ -8,6 +8,7 @@ pub mod dense;
 pub mod environment;
 pub mod film;
 pub mod filter;
+pub mod glow;
 pub mod integrator;
 pub mod light;
 pub mod material;
@@ -211,7 +212,9 @@ pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Result<Option<Medium>, 
     }
     let settings::Phase::HenyeyGreenstein { g } = medium.phase;
     let phase = Phase::HenyeyGreenstein { g: g as f32 };
-    Ok(Some(Medium::new(grid, medium.extinction as f32, vec3(medium.albedo), phase)))
+    let mut built = Medium::new(grid, medium.extinction as f32, vec3(medium.albedo), phase);
+    built.emission = vec3(medium.emission);
+    Ok(Some(built))
 }
 
 /// How frame `frame` is taken; `crop` renders a part of it.

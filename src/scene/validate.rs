@@ -178,8 +178,7 @@ impl<'s> Check<'s, '_, '_> {
             Mask::Wake(mask) => mask.shape == shape,
             _ => false,
         };
-        flow.obstacles.iter().chain(&flow.containers).any(|name| name == shape)
-            || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
+        flow.minds(shape) || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
     }
 
     fn is_emitter(&self, shape: &str) -> bool {
@@ -318,7 +317,7 @@ impl<'s> Check<'s, '_, '_> {
         let glows = self.settings.shapes.values().any(|shape| {
             let Material::Diffuse(diffuse) = &shape.material;
             shape.visible && !diffuse.emission.is_black()
-        });
+        }) || self.settings.smoke.as_ref().is_some_and(|smoke| smoke.medium.glows());
         if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";
             self.error_help("lights", "lights", "without a light the picture is black", help);

@@ -1,7 +1,7 @@
 //! What a schema cannot say about the flow and about shapes that move.
 
 use crate::scene::schema::decimal;
-use crate::scene::settings::{Mask, Motion, Noise, NoiseForm, Potential, Vec3, VortexCurve};
+use crate::scene::settings::{Dfvn, Mask, Motion, Noise, NoiseForm, Potential, Shape, Vec3, VortexCurve};
 use crate::scene::validate::{Check, difference, is_parallel, length};
 use std::collections::BTreeSet;
 
@@ -12,12 +12,25 @@ const VORTEX_PIECES_MAX: f64 = 20_000.0;
 /// Pieces for each core radius of its length.
 const VORTEX_PIECES: f64 = 5.0;
 
+/// How deep the deepest points of a shape are below its wall [m]; of a mesh it is not known before it is read.
+fn depth(shape: &Shape) -> Option<f64> {
+    let own = None
+        .or(shape.sphere.as_ref().map(|sphere| sphere.radius))
+        .or(shape.capsule.as_ref().map(|capsule| capsule.radius))
+        .or(shape.torus.as_ref().map(|torus| torus.minor_radius))
+        .or(shape.cuboid.as_ref().map(|cuboid| 0.5 * cuboid.size.iter().copied().fold(f64::INFINITY, f64::min)));
+    own.map(|depth: f64| depth * shape.transform.scale)
+}
+
 impl Check<'_, '_, '_> {
     pub(crate) fn flow(&mut self) {
         let flow = &self.settings.flow;
         let shapes: BTreeSet<&str> = self.settings.shapes.keys().map(String::as_str).collect();
         self.names("flow.obstacles", &flow.obstacles, &shapes);
         self.names("flow.containers", &flow.containers, &shapes);
+        if let Some(dfvn) = &flow.dfvn {
+            self.dfvn(dfvn, &shapes);
+        }
         for (i, name) in flow.containers.iter().enumerate() {
             let key = format!("flow.containers[{i}]");
             if flow.obstacles.contains(name) {
@@ -25,17 +38,7 @@ impl Check<'_, '_, '_> {
                 self.error(&key, &key, message);
             }
             let Some(shape) = self.settings.shapes.get(name) else { continue };
-            if shape.plane.is_some() {
-                self.error_help(
-                    &key,
-                    &key,
-                    "a plane contains nothing",
-                    "take a `box`, or name the plane in `obstacles`",
-                );
-            }
-            if shape.cuboid.as_ref().is_some_and(|cuboid| cuboid.rounding > 0.0) {
-                self.error(&key, &key, "the box of a container must have `rounding: 0`");
-            }
+            self.holder(&key, shape, "take a `box`, or name the plane in `obstacles`");
         }
         let walls: BTreeSet<&str> = flow.obstacles.iter().chain(&flow.containers).map(String::as_str).collect();
         for (i, name) in flow.no_slip.iter().enumerate() {
@@ -53,6 +56,75 @@ impl Check<'_, '_, '_> {
         }
         for (i, potential) in flow.potentials.iter().enumerate() {
             self.potential(&format!("flow.potentials[{i}]"), potential, &shapes);
+        }
+    }
+
+    /// What a shape must be like that holds the flow inside.
+    fn holder(&mut self, key: &str, shape: &Shape, instead: &str) {
+        if shape.plane.is_some() {
+            self.error_help(key, key, "a plane contains nothing", instead);
+        }
+        if shape.cuboid.as_ref().is_some_and(|cuboid| cuboid.rounding > 0.0) {
+            self.error(key, key, "the box of a container must have `rounding: 0`");
+        }
+    }
+
+    fn dfvn(&mut self, dfvn: &Dfvn, shapes: &BTreeSet<&str>) {
+        let flow = &self.settings.flow;
+        for (key, is_given) in [
+            ("potentials", !flow.potentials.is_empty()),
+            ("obstacles", !flow.obstacles.is_empty()),
+            ("containers", !flow.containers.is_empty()),
+            ("no_slip", !flow.no_slip.is_empty()),
+            ("planar", flow.planar.is_some()),
+        ] {
+            if is_given {
+                let message = format!("`dfvn` is a flow of its own, and `{key}` do nothing to it");
+                let help = match key {
+                    "obstacles" | "containers" => {
+                        "name the shape in `flow.dfvn.inside` or `flow.dfvn.along`, or take potentials instead of `dfvn`"
+                    }
+                    _ => "leave it out, or take potentials instead of `dfvn`",
+                };
+                let key = format!("flow.{key}");
+                self.error_help(&key, &key, message, help);
+            }
+        }
+        for (key, name) in [("inside", &dfvn.inside), ("along", &dfvn.along)] {
+            let Some(name) = name else { continue };
+            let key = format!("flow.dfvn.{key}");
+            let Some(shape) = self.settings.shapes.get(name) else {
+                self.unknown_shape(&key, name, shapes);
+                continue;
+            };
+            if shape.motion.is_some() {
+                let message = format!("`{name}` moves, and this flow is steady");
+                self.error_help(&key, &key, message, "take a shape without `motion`, or potentials in `containers`");
+            }
+        }
+        if let (Some(inside), Some(along)) = (&dfvn.inside, &dfvn.along)
+            && inside == along
+        {
+            let message = format!("`{along}` is in `inside` too: who goes along its surface stays inside anyway");
+            self.error_help("flow.dfvn.along", "flow.dfvn", message, "leave out one of both");
+        }
+        let Some(name) = &dfvn.inside else {
+            if dfvn.margin.is_some() {
+                let message = "`margin` is the depth below the wall of `inside`, which is not given";
+                self.error_help("flow.dfvn.margin", "flow.dfvn", message, "leave it out, or name a shape in `inside`");
+            }
+            return;
+        };
+        let Some(shape) = self.settings.shapes.get(name) else { return };
+        self.holder("flow.dfvn.inside", shape, "take a closed shape, such as a `box`");
+        let (Some(margin), Some(depth)) = (dfvn.margin, depth(shape)) else { return };
+        if margin > depth * (1.0 + 1e-9) && self.is_sound(&format!("shapes.{name}")) {
+            let depth = decimal(depth);
+            let message = format!(
+                "must be at most {depth}, the depth of `{name}`, found {}: where the distance has its ridge the flow would jump",
+                decimal(margin)
+            );
+            self.error("flow.dfvn.margin", "flow.dfvn", message);
         }
     }
 

@@ -73,7 +73,9 @@ impl Check<'_, '_, '_> {
             let help = "smoke looks right from 0 to 0.8";
             self.warning("smoke.medium.phase.henyey_greenstein.g", "smoke.medium", message, help);
         }
-        self.visibility(smoke);
+        if !smoke.medium.glows() {
+            self.visibility(smoke);
+        }
     }
 
     /// Warns of smoke that nobody will see, the commonest cause of an empty picture.
@@ -134,6 +136,11 @@ impl Check<'_, '_, '_> {
         ];
         self.exactly_one(key, &given);
         self.exactly_one(key, &[("rate", emitter.rate.is_some()), ("count", emitter.count.is_some())]);
+        if emitter.strands.is_some() && emitter.count.is_some() {
+            let key = format!("{key}.strands");
+            let help = "take a `rate`: a strand is drawn by particles that are born one after the other";
+            self.error_help(&key, &key, "all particles of a strand would be at the same point", help);
+        }
         if let Some(disk) = &emitter.disk {
             self.direction(&format!("{key}.disk.normal"), disk.normal);
         }

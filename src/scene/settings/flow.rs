@@ -4,7 +4,7 @@ use crate::scene::settings::{Rgb, Vec3, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What moves the particles: the curl of a sum of potentials, bent round obstacles.
+/// What moves the particles: the curl of a sum of potentials, bent round obstacles; or `dfvn`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Flow {
@@ -19,6 +19,73 @@ pub struct Flow {
     pub planar: Option<Vec3>,
     /// Which of the obstacles and containers hold the flow fast at their walls; along the others it slips. Default none.
     pub no_slip: Vec<String>,
+    /// A steady flow along threads, instead of everything else here. Default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dfvn: Option<Dfvn>,
+}
+
+impl Flow {
+    /// Names of the shapes that hold the flow inside.
+    pub fn holders(&self) -> impl Iterator<Item = &String> {
+        self.containers.iter().chain(self.dfvn.iter().filter_map(|dfvn| dfvn.inside.as_ref()))
+    }
+
+    /// Whether the flow asks for the distance of a shape, but for masks.
+    pub fn minds(&self, shape: &str) -> bool {
+        let along = self.dfvn.iter().filter_map(|dfvn| dfvn.along.as_ref());
+        self.obstacles.iter().chain(self.holders()).chain(along).any(|name| name == shape)
+    }
+}
+
+/// Divergence-free vector noise (Bærentzen et al. 2025): the product ∇f × ∇g of the gradients of two noises. Both keep
+/// their values along the flow, so that smoke from one place draws a thread; each particle keeps the values of its birth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Dfvn {
+    /// Size of the swirls [m].
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub length_scale: f64,
+    /// Root mean square speed [m/s] outside of any `margin`, over all noises: the gradients' lengths are known on average,
+    /// and the root mean square of their product is √(2/3) of the product of theirs.
+    pub speed: f64,
+    /// Which of the many patterns. Default 0; mixed with `smoke.seed`.
+    #[serde(default)]
+    pub seed: u64,
+    /// Name of a closed shape that the flow stays inside of: near its wall, f is blended with the distance to it (equation
+    /// 13). It must be at rest. Default none.
+    #[serde(default)]
+    pub inside: Option<String>,
+    /// Depth below the wall of `inside` over which that is done [m]: at most that of the shape's deepest points. Default
+    /// `length_scale`, or the depth of a primitive where that is less.
+    #[serde(default)]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub margin: Option<f64>,
+    /// Name of a shape along whose surface smoke flows, or along the surfaces of equal distance to it: g is the distance
+    /// instead of a noise. It must be at rest. Default none.
+    #[serde(default)]
+    pub along: Option<String>,
+    /// How often particles are put back on their values of f and g after each step. 0 lets them drift. Default 2.
+    #[serde(default = "reprojections")]
+    #[schemars(range(min = 0, max = 16))]
+    pub reprojections: u32,
+    /// How they are put back. Default least_norm.
+    #[serde(default)]
+    pub reprojection: ReprojectionKind,
+}
+
+fn reprojections() -> u32 {
+    2
+}
+
+/// How a particle is put back on its values.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ReprojectionKind {
+    /// By the shortest way that mends both to first order (equations 10 and 11).
+    #[default]
+    LeastNorm,
+    /// By a Newton step towards one after the other (equation 12): a little cheaper, and not as close.
+    Newton,
 }
 
 /// One term of the potential.

@@ -52,6 +52,11 @@ pub struct Emitter {
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub rate: Option<f64>,
+    /// Particles are born at so many fixed points of the source alone, one after the other: with a `rate`, each draws a
+    /// strand along the flow. Default all over it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1))]
+    pub strands: Option<u64>,
     /// Particles that are all born at `start`, instead of `rate`.
     #[serde(default)]
     pub count: Option<u64>,
@@ -195,7 +200,7 @@ pub struct Grid {
     #[serde(default)]
     #[schemars(range(min = 0.0))]
     pub expansion: f64,
-    /// Distance from `flow.obstacles` at which kernels begin to fade, so that smoke neither hides in walls nor comes
+    /// Distance from the walls of the flow at which kernels begin to fade, so that smoke neither hides in walls nor comes
     /// out behind thin ones [m]. 0 lets kernels ignore obstacles. Default each particle's kernel radius.
     #[serde(default)]
     #[schemars(range(min = 0.0))]
@@ -225,11 +230,27 @@ pub struct Medium {
     pub albedo: Rgb,
     /// Which way light goes on. Default isotropic.
     pub phase: Phase,
+    /// Light that density 1 gives off in every direction [W/(m³ sr)]: radiance that a metre of it adds. Also where
+    /// `extinction` is 0, of smoke that only glows. Default black.
+    #[serde(skip_serializing_if = "is_black")]
+    #[schemars(inner(range(min = 0.0, max = 1e9)))]
+    pub emission: Rgb,
+}
+
+fn is_black(color: &Rgb) -> bool {
+    *color == [0.0; 3]
+}
+
+impl Medium {
+    /// Whether the smoke gives off light.
+    pub fn glows(&self) -> bool {
+        !is_black(&self.emission)
+    }
 }
 
 impl Default for Medium {
     fn default() -> Self {
-        Self { extinction: 10.0, albedo: [0.9; 3], phase: Phase::HenyeyGreenstein { g: 0.0 } }
+        Self { extinction: 10.0, albedo: [0.9; 3], phase: Phase::HenyeyGreenstein { g: 0.0 }, emission: [0.0; 3] }
     }
 }
 
