@@ -13,6 +13,7 @@ pub mod obstacles;
 pub mod octaves;
 pub mod potential;
 pub mod ramp;
+pub mod reach;
 pub mod reproject;
 pub mod settle;
 pub mod simplex;
