@@ -569,6 +569,7 @@ shapes:
     sphere: {{center: [0, 0, 0], radius: 1}}
     motion: {{keys: [{{time: 0}}, {{time: 1, translate: [0, 2, 0]}}]}}
     surface_flow: {{length_scale: 0.5, {flow}}}
+lights: [{{environment: {{radiance: [1, 1, 1]}}}}]
 "
         ));
         let geometry = Geometry::build(&scene, &Silent).unwrap();

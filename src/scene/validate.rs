@@ -13,6 +13,9 @@ use crate::scene::{nearest_file, resolve};
 use std::collections::BTreeSet;
 use std::path::Path;
 
+/// Most parts of a smooth union, each of which is evaluated at every point.
+const UNION_PARTS_MAX: usize = 64;
+
 /// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
 pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
     let mut check = Check { settings, tree, mended, path, collector };
@@ -195,6 +198,16 @@ impl<'s> Check<'s, '_, '_> {
             self.direction(&format!("{key}.plane.normal"), plane.normal);
         }
         if let Some(union) = &shape.smooth_union {
+            if union.parts.len() > UNION_PARTS_MAX {
+                let message = format!("at most {UNION_PARTS_MAX} parts are allowed, found {}", union.parts.len());
+                let key = format!("{key}.smooth_union.parts");
+                self.error_help(
+                    &key,
+                    &key,
+                    message,
+                    "take a `mesh`, whose distance costs the same however large it is",
+                );
+            }
             for (i, part) in union.parts.iter().enumerate() {
                 self.part(&format!("{key}.smooth_union.parts[{i}]"), part);
             }

@@ -130,8 +130,8 @@ pub struct SmoothUnion {
     /// distances differ by less. It bulges out by at most a sixth of this where two parts meet, more where many do.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub width: f64,
-    /// What it is made of; blended in this order, which matters a little where three meet.
-    #[schemars(length(min = 2, max = 64))]
+    /// What it is made of: at least two, at most 64; blended in this order, which matters a little where three meet.
+    #[schemars(length(min = 2))]
     pub parts: Vec<Part>,
 }
 
