@@ -190,7 +190,7 @@ impl Obstacle {
             size: bounds.map_or(ENDLESS_INFLUENCE, |b| 0.5 * f64::from(b.size().max_element())),
             reach: walls.iter().map(|wall| reach(&wall.sdf, first.is_container)).fold(f64::INFINITY, f64::min),
             is_endless,
-            has_smooth_normal: solids.len() == 1 && has_smooth_normal(&solids[0]),
+            has_smooth_normal: solids.len() == 1 && has_smooth_normal(&solids[0], first.is_container),
             hole: if solids.len() == 1 && !first.is_container { hole(&solids[0]) } else { None },
             boxes: boxes.collect(),
             motion: first.motion.clone(),
