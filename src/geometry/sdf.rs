@@ -300,7 +300,7 @@ impl PlacedSdf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::primitive::{Cuboid, Torus};
+    use crate::geometry::primitive::{Cuboid, Sphere, Torus};
     use crate::math::real::length;
     use glam::{DVec3, Quat};
 
@@ -359,6 +359,68 @@ mod tests {
                 assert!((exact - f64::from(single)).abs() < 2e-6);
             }
         }
+    }
+
+    /// A ball, a ring and a ball, one after the other blended; turned, moved and scaled.
+    fn melted() -> PlacedSdf {
+        let ball = |x: f64| Primitive::Sphere(Sphere { center: DVec3::X * x, radius: 0.35 });
+        let ring = Torus { center: DVec3::Y * 0.2, axis: DVec3::X, major_radius: 0.5, minor_radius: 0.15 };
+        let parts = [ball(-0.3), Primitive::Torus(ring), ball(0.4)].map(|part| (part, Similarity::IDENTITY));
+        PlacedSdf::new(Sdf::SmoothUnion(Arc::new(SmoothUnion::new(parts, 0.25))), *placed()[0].placement())
+    }
+
+    #[test]
+    fn a_smooth_union_has_two_continuous_derivatives_where_its_parts_have() {
+        let (union, h) = (melted(), 1e-5);
+        let (mut fastest, mut blended) = (0.0f64, 0);
+        for i in 0..4000 {
+            let a = f64::from(i);
+            let p = [(a * 0.71).sin() * 1.5, (a * 1.37).cos() * 1.2, (a * 2.11).sin() * 1.4];
+            let jet = union.jet(p).expect("a formula");
+            assert!((jet.value - union.distance(p)).abs() < 1e-12);
+            let slope = union.slope(p);
+            assert!((0..3).all(|i| (jet.gradient[i] - slope.gradient[i]).abs() < 1e-12));
+            // Beside middles and the axis of the ring, where parts have no derivatives themselves.
+            if jet.value < -0.2 || jet.hessian.iter().any(|x| x.abs() > 30.0) {
+                continue;
+            }
+            blended += usize::from(length(jet.gradient) < 0.999);
+            for axis in 0..3 {
+                let moved = |by: f64| {
+                    let mut q = p;
+                    q[axis] += by;
+                    union.jet(q).expect("a formula")
+                };
+                let (up, down) = (moved(h), moved(-h));
+                assert!((jet.gradient[axis] - (up.value - down.value) / (2.0 * h)).abs() < 1e-7);
+                for k in 0..6 {
+                    fastest = fastest.max((up.hessian[k] - down.hessian[k]).abs() / (2.0 * h));
+                }
+            }
+        }
+        println!("{blended} points in the blend, third derivatives at most {fastest:.0} 1/m²");
+        assert!(blended > 500 && fastest < 2000.0, "{blended} {fastest}");
+    }
+
+    #[test]
+    fn a_smooth_union_is_no_steeper_than_its_parts_and_its_bulge_is_in_its_bounds() {
+        let union = melted();
+        let bounds = union.bounds().expect("finite");
+        let (mut bulging, mut last) = (0, [0.0; 3]);
+        for i in 0..20_000 {
+            let a = f64::from(i);
+            let p = [(a * 0.71).sin() * 1.5, (a * 1.37).cos() * 1.2, (a * 2.11).sin() * 1.4];
+            let (d, apart) = (union.distance(p), length([0, 1, 2].map(|i| p[i] - last[i])));
+            assert!((d - union.distance(last)).abs() <= apart + 1e-12);
+            last = p;
+            assert!(d > 0.0 || bounds.contains(Vec3::from_array(p.map(|x| x as f32))));
+            let Sdf::SmoothUnion(of) = union.sdf() else { unreachable!() };
+            let local = union.to_local(p);
+            let least = of.parts().iter().map(|part| part.distance(local)).fold(f64::INFINITY, f64::min);
+            bulging += usize::from(d < 0.0 && least > 0.0);
+            assert!((d - f64::from(union.distance(p.map(|x| x as f32)))).abs() < 3e-6);
+        }
+        assert!(bulging > 20, "{bulging} points in the bulge alone");
     }
 
     #[test]

@@ -60,14 +60,14 @@ impl UnionLine<'_> {
             let own = primitive.distance(part.to_local(p)) * scale;
             found = Some(match found {
                 None => Found { distance: own, nearest: own, lead: f64::INFINITY },
-                Some(f) => Found {
-                    distance: smooth_union(f.distance, own, self.union.width()),
-                    nearest: f.nearest.min(own),
-                    lead: (own.value - f.nearest.value).abs().min(match own.value < f.nearest.value {
-                        true => f64::INFINITY,
-                        false => f.lead,
-                    }),
-                },
+                Some(f) => {
+                    let behind = own.value - f.nearest.value;
+                    Found {
+                        distance: smooth_union(f.distance, own, self.union.width()),
+                        nearest: f.nearest.min(own),
+                        lead: if behind < 0.0 { -behind } else { behind.min(f.lead) },
+                    }
+                }
             });
         }
         found.expect("a union has parts")
