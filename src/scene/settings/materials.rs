@@ -203,10 +203,11 @@ pub struct SurfaceFlow {
     #[serde(default)]
     pub speed: f64,
     /// How far things have been carried when, in place of `distance` and `speed`; times rise. Default none.
-    #[serde(default)]
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub keys: Vec<SurfaceFlowKey>,
     /// How the flow gets from key to key. Default smooth.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "is_smooth")]
     pub interpolation: Interpolation,
     /// Steps that the way is cut into. Default 16 for each `length_scale` of the way, at least 16 and at most 4096.
     #[serde(default)]
@@ -259,6 +260,10 @@ pub enum SurfaceIntegrator {
     /// Four evaluations a step: classical Runge–Kutta.
     #[default]
     Rk4,
+}
+
+fn is_smooth(interpolation: &Interpolation) -> bool {
+    *interpolation == Interpolation::Smooth
 }
 
 fn reprojections() -> u32 {

@@ -24,7 +24,8 @@ pub struct Shape {
     #[serde(default)]
     pub plane: Option<Plane>,
     /// Solids that melt into one.
-    #[serde(default)]
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smooth_union: Option<SmoothUnion>,
     /// Triangles from a file.
     #[serde(default)]
