@@ -24,7 +24,7 @@ gallery:
 	cp out/cloud.0001.png docs/gallery/cloud.png
 	$(CURLSMOKE) render scenes/torus-marble.yaml --frames 48 --resume
 	cp out/torus-marble.0048.png docs/gallery/torus-marble.png
-	for scene in lava waterfall; do \
+	for scene in lava lava-planet waterfall; do \
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 24 --resolution 640x360 --spp 320 --resume || exit 1; \
 		cp out/$$scene.0024.png docs/gallery/$$scene.png; \
 	done

@@ -19,10 +19,11 @@ use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::mask_files::SceneFiles;
 use crate::pipeline::smoke::SmokeSource;
 use crate::progress::{Progress, Silent, Stage};
-use crate::render::environment::RadiancePicture;
 use crate::render::film::{Film, PixelBounds};
 use crate::render::integrator::World;
-use crate::render::{self, RenderError, tiles};
+use crate::render::material::Material;
+use crate::render::picture::Picture;
+use crate::render::{self, RenderError, TextureStore, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, footprint, settings};
@@ -165,14 +166,15 @@ pub fn inspection(scene: &Scene, frame: i32) -> Result<Inspection, Error> {
 /// Reads all that a frame of a scene needs, and makes none: what is likely a mistake.
 ///
 /// # Errors
-/// The first file that cannot be used: a mesh, a picture of the surroundings, the file of a mask, or the density of the
+/// The first file that cannot be used: a mesh, a picture of the surroundings or of a texture, the file of a mask, or the density of the
 /// first frame.
 pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let geometry = Geometry::build_without_distances(scene)?;
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
     render::build_lights(scene, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_light(scene, e))?;
+        .map_err(|e| in_render(scene, e))?;
+    load_textures(scene)?;
     // For the files of masks, which scenes have whose smoke is not made of particles.
     let flow = build_flow(scene, &geometry)?;
     match &scene.settings.smoke {
@@ -200,8 +202,9 @@ const BORN_INSIDE_NOTED: f64 = 0.5;
 /// What stays the same from frame to frame.
 struct Studio {
     geometry: Geometry,
-    /// Of a scene in which no shape moves.
+    /// Of a scene in which no shape moves; each frame brings its materials.
     world: Option<World>,
+    textures: TextureStore,
     smoke: SmokeSource,
 }
 
@@ -210,10 +213,11 @@ impl Studio {
         let start = Instant::now();
         let geometry = build_geometry(scene, progress)?;
         geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
-        let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry, 0.0)?) };
+        let textures = load_textures(scene)?;
+        let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry, Vec::new())?) };
         let smoke = SmokeSource::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());
-        Ok(Self { geometry, world, smoke })
+        Ok(Self { geometry, world, textures, smoke })
     }
 
     fn take_picture(
@@ -237,12 +241,13 @@ impl Studio {
         let time = time_of(scene, frame);
         let world = match &mut self.world {
             Some(world) => {
-                world.materials = render::build_materials(scene, &self.geometry, time);
+                world.materials = render::build_materials(scene, &self.geometry, &mut self.textures, time);
                 world
             }
             None => {
                 let geometry = self.geometry.at(time);
-                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &geometry, time))?;
+                let materials = render::build_materials(scene, &geometry, &mut self.textures, time);
+                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &geometry, materials))?;
                 &moved
             }
         };
@@ -272,14 +277,23 @@ fn time_of(scene: &Scene, frame: i32) -> f64 {
     (f64::from(frame) - f64::from(frames.first)) / frames.fps
 }
 
-fn build_world(scene: &Scene, geometry: &Geometry, time: f64) -> Result<World, Error> {
-    render::build_world(scene, geometry, time, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_light(scene, e))
+fn build_world(scene: &Scene, geometry: &Geometry, materials: Vec<Material>) -> Result<World, Error> {
+    render::build_world(scene, geometry, materials, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
+        .map_err(|e| in_render(scene, e))
 }
 
-/// An error of surfaces and lights, with its place in the scene where a light is at fault.
-fn in_light(scene: &Scene, error: RenderError) -> Error {
+fn load_textures(scene: &Scene) -> Result<TextureStore, Error> {
+    TextureStore::load(scene, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
+        .map_err(|e| in_render(scene, e))
+}
+
+/// An error of surfaces and lights, with its place in the scene where a light or a texture is at fault.
+fn in_render(scene: &Scene, error: RenderError) -> Error {
     match error {
+        RenderError::Texture { ref key, .. } => {
+            let key = key.clone();
+            in_scene(scene, &key, None, error)
+        }
         RenderError::Light { light_idx, .. } => {
             in_scene(scene, &format!("lights[{light_idx}].environment.file"), None, error)
         }
@@ -419,7 +433,7 @@ fn grid_memory_limit(scene: &Scene, particle_count: usize) -> u64 {
     memory_limit(scene).saturating_sub(others as u64)
 }
 
-fn load_picture(path: &Path, memory_limit: u64) -> Result<RadiancePicture, OutputError> {
+fn load_picture(path: &Path, memory_limit: u64) -> Result<Picture, OutputError> {
     let image = output::read_image(path, memory_limit)?;
     let rgb = image.to_rgb("").ok_or_else(|| OutputError::Invalid {
         path: path.into(),
@@ -427,7 +441,7 @@ fn load_picture(path: &Path, memory_limit: u64) -> Result<RadiancePicture, Outpu
         problem: "it has no channels R, G and B".into(),
     })?;
     let [width, height] = image.data_size.map(|n| n as usize);
-    Ok(RadiancePicture { width, height, pixels: rgb.into_iter().map(glam::Vec3::from).collect() })
+    Ok(Picture { width, height, pixels: rgb.into_iter().map(glam::Vec3::from).collect() })
 }
 
 fn layers(aovs: &[Aov]) -> Layers {

@@ -9,16 +9,19 @@ use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::math::statistics::{Moments, normal_quantile, sidak};
 use curlsmoke::progress::Silent;
-use curlsmoke::render;
 use curlsmoke::render::environment::Environment;
 use curlsmoke::render::film::Film;
 use curlsmoke::render::integrator::World;
 use curlsmoke::render::light::Light;
 use curlsmoke::render::medium::Medium;
+use curlsmoke::render::picture::Picture;
+use curlsmoke::render::{self, TextureStore};
+use curlsmoke::scene::Scene;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
-use support::{Stage, centered_grid, estimate, stage};
+use std::path::Path;
+use support::{Stage, centered_grid, estimate, stage, textures};
 
 fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
     Ray {
@@ -137,8 +140,9 @@ shapes:
 "
     ));
     let geometry = Geometry::build(&scene, &Silent).unwrap();
-    let at = |time: f64| render::build_materials(&scene, &geometry.at(time), time);
-    let emitted = |time: f64, shape: usize, p: [f32; 3]| at(time)[shape].at(WorldPoint(Vec3::from(p))).emitted.x;
+    let up = UnitVec3::try_new(Vec3::Y).expect("not zero");
+    let at = |time: f64| render::build_materials(&scene, &geometry.at(time), &mut textures(&scene), time);
+    let emitted = |time: f64, shape: usize, p: [f32; 3]| at(time)[shape].at(WorldPoint(Vec3::from(p)), up).emitted.x;
     // What flows along a surface for a second has gone so far.
     let flowing = |flow: &str, time: f64| {
         let Stage { scene, .. } = stage(&format!(
@@ -151,9 +155,15 @@ shapes:
 "
         ));
         let geometry = Geometry::build(&scene, &Silent).unwrap();
-        render::build_materials(&scene, &geometry.at(time), time)[0].at(WorldPoint(Vec3::new(0.6, 0.0, 0.8))).emitted.x
+        render::build_materials(&scene, &geometry.at(time), &mut textures(&scene), time)[0]
+            .at(WorldPoint(Vec3::new(0.6, 0.0, 0.8)), up)
+            .emitted
+            .x
     };
     let gone = flowing("distance: 0.3, steps: 40, cache_spacing: 0", 0.0);
+    let keys = "keys: [{time: 1, distance: 0.1}, {time: 3, distance: 0.5}], steps: 40, cache_spacing: 0";
+    assert_eq!(gone, flowing(keys, 2.0));
+    assert_eq!(flowing(keys, 7.0), flowing("distance: 0.5, steps: 40, cache_spacing: 0", 0.0));
     assert_eq!(gone, flowing("distance: 0.1, speed: 0.1, steps: 40, cache_spacing: 0", 2.0));
     assert!((gone - flowing("distance: 0.3, steps: 40", 0.0)).abs() < 0.02);
     for other in [
@@ -546,4 +556,76 @@ lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{envir
             assert_eq!(of_whole, of_part, "({x}, {y})");
         }
     }
+}
+
+/// The same flow in the next frame is the same one, with the ways that it has followed; another flow is not.
+#[test]
+fn flows_along_surfaces_are_kept_as_long_as_they_stay_the_same() {
+    for (flow, is_kept) in [("distance: 0.3", true), ("distance: 0.3, speed: 0.1", false)] {
+        let Stage { scene, .. } = stage(&format!(
+            "{SMOKE}
+shapes:
+  ball:
+    sphere: {{center: [0, 0, 0], radius: 1}}
+    motion: {{keys: [{{time: 0}}, {{time: 1, translate: [0, 2, 0]}}]}}
+    surface_flow: {{length_scale: 0.5, {flow}}}
+lights: [{{environment: {{radiance: [1, 1, 1]}}}}]
+"
+        ));
+        let geometry = Geometry::build(&scene, &Silent).unwrap();
+        let mut store = textures(&scene);
+        let mut at = |time: f64| render::build_materials(&scene, &geometry.at(time), &mut store, time).remove(0).flow;
+        let (first, second) = (at(0.0).expect("it flows"), at(0.5).expect("it flows"));
+        assert_eq!(std::sync::Arc::ptr_eq(&first, &second), is_kept, "{flow}");
+    }
+}
+
+/// A picture of two halves, red on the left and green on the right, on a shape that is at rest, moved or flowing.
+#[test]
+fn pictures_on_surfaces_are_seen_where_they_are_laid_and_flow_with_their_own_normal() {
+    let seen = |shape: &str, projection: &str, time: f64, p: Vec3, normal: Vec3| {
+        let text = format!(
+            "version: 1\ncamera: {{position: [0, 0, 5], look_at: [0, 0, 0]}}\nlights: [{{environment: {{radiance: [1, 1, 1]}}}}]
+shapes:
+  thing:
+    {shape}
+    material: {{diffuse: {{reflectance: {{image: {{file: tests/data/halves.png, projection: {projection}, scale: 0.5}}}}}}}}
+"
+        );
+        let scene = Scene::from_text(&text, Path::new("test.yaml")).unwrap_or_else(|e| panic!("{e}"));
+        let geometry = Geometry::build(&scene, &Silent).unwrap();
+        let halves = |_: &Path| {
+            let pixels = (0..32).map(|i| if i % 8 < 4 { Vec3::X } else { Vec3::Y }).collect();
+            Ok(Picture { width: 8, height: 4, pixels })
+        };
+        let mut store = TextureStore::load(&scene, &halves).unwrap();
+        let materials = render::build_materials(&scene, &geometry.at(time), &mut store, time);
+        let normal = UnitVec3::try_new(normal).expect("not zero");
+        materials[0].at(WorldPoint(p), normal).bsdf.albedo()
+    };
+    let (red, green) = (Vec3::new(0.5, 0.0, 0.0), Vec3::new(0.0, 0.5, 0.0));
+    let ball = "sphere: {center: [0, 0, 0], radius: 1}";
+    let globe = "{lat_long: {center: [0, 0, 0]}}";
+    assert_eq!(seen(ball, globe, 0.0, Vec3::X, Vec3::X), green);
+    assert_eq!(seen(ball, globe, 0.0, Vec3::NEG_X, Vec3::NEG_X), red);
+    // A turn of the shape by half takes its picture along, normals and all.
+    let turning = format!(
+        "{ball}\n    motion: {{keys: [{{time: 0}}, {{time: 1, rotate_deg: {{axis: [0, 1, 0], angle: 180}}}}]}}"
+    );
+    assert_eq!(seen(&turning, globe, 1.0, Vec3::X, Vec3::X), red);
+    let tiles = "{triplanar: {tile: 4, offset: [-2, 0, 2], sharpness: 64}}";
+    assert_eq!(seen(ball, tiles, 0.0, Vec3::new(0.3, 0.0, 0.95), Vec3::Z), green);
+    assert_eq!(seen(&turning, tiles, 1.0, Vec3::new(0.3, 0.0, -0.95), Vec3::NEG_Z), red);
+    // What flows from one side of a ball to another is seen as it was where it came from, not by where it is now.
+    let flowing = format!("{ball}\n    surface_flow: {{length_scale: 1.5, distance: 1.2, cache_spacing: 0}}");
+    let mut differs = 0;
+    for i in 0..40 {
+        let (a, y) = (i as f32 * 0.4, 0.9 - i as f32 * 0.045);
+        let p = Vec3::new((1.0 - y * y).sqrt() * a.cos(), y, (1.0 - y * y).sqrt() * a.sin());
+        let now = seen(&flowing, tiles, 0.0, p, p);
+        // Normals that are handed in do not matter once a flow knows its own.
+        assert_eq!(now, seen(&flowing, tiles, 0.0, p, -Vec3::Y));
+        differs += usize::from(now != seen(ball, tiles, 0.0, p, p));
+    }
+    assert!(differs > 5, "{differs} of 40");
 }

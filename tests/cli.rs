@@ -134,6 +134,59 @@ fn an_emitter_inside_an_obstacle_is_told_once() {
 }
 
 #[test]
+fn pictures_of_textures_are_read_and_judged_and_seen_to_change() {
+    let folder = Folder::new();
+    let texture = |slot: &str, file: &str, scale: f64| {
+        let image =
+            format!("{{image: {{file: {file}, scale: {scale}, projection: {{lat_long: {{center: [0, 0, 0]}}}}}}}}");
+        let diffuse = match slot {
+            "reflectance" => format!("{{reflectance: {image}}}"),
+            _ => format!("{{reflectance: [0, 0, 0], emission: {image}}}"),
+        };
+        BALL.replace("radius: 1}", &format!("radius: 1}}\n    material: {{diffuse: {diffuse}}}"))
+    };
+    folder.picture("grey.exr", 0.5);
+    let grey = fs::read(folder.path("grey.exr")).unwrap();
+    fs::write(folder.path("short.exr"), &grey[..grey.len() - 9]).unwrap();
+    fs::write(folder.path("no.png"), "no picture").unwrap();
+    folder.picture("negative.exr", -0.5);
+    for (code, name, slot, file, scale, part) in [
+        (0, "a", "reflectance", "grey.exr", 2.0, ""),
+        (0, "b", "emission", "grey.exr", 50.0, ""),
+        (3, "c", "reflectance", "short.exr", 1.0, "short.exr"),
+        (3, "d", "emission", "no.png", 1.0, "not a usable PNG file"),
+        (3, "e", "emission", "negative.exr", 1.0, "radiance must be a number that is not negative"),
+        (3, "f", "reflectance", "grey.exr", 2.1, "no more is reflected than comes; `scale` may be at most 2"),
+        (4, "g", "reflectance", "gray.exr", 1.0, "did you mean `grey.exr`?"),
+    ] {
+        let scene = format!("{name}.yaml");
+        folder.write(&scene, &texture(slot, file, scale));
+        for verb in ["check", "render"] {
+            let [_, err] = folder.expect(code, &[verb, &scene, "--set", "output.image=out/ball.####.exr"]);
+            contains(&err, &[part]);
+            let place = format!("{scene}:8:");
+            let key = format!("shapes.ball.material.diffuse.{slot}.image.file: ");
+            assert!(code == 0 || err.contains(&place) && (code == 4 || err.contains(&key)), "{err}");
+        }
+    }
+    // A picture that needs more than the limit.
+    let mut large = Image::new([800, 800]);
+    large.push_rgb("", SampleKind::Half, &[[0.5; 3]; 640_000]);
+    fs::write(folder.path("large.exr"), exr::write(&large, Compression::Zips).unwrap()).unwrap();
+    folder.write("large.yaml", &texture("reflectance", "large.exr", 1.0));
+    folder.expect(6, &["check", "large.yaml", "--set", "render.memory_limit_gib=0.01"]);
+    folder.expect(0, &["check", "large.yaml"]);
+    let fingerprint = || {
+        folder.expect(0, &["render", "a.yaml", "--resume", "--frames", "1"]);
+        Sidecar::read(&folder.path("out/ball.0001.json")).unwrap().fingerprint
+    };
+    let first = fingerprint();
+    assert_eq!(fingerprint(), first);
+    folder.picture("grey.exr", 0.25);
+    assert!(fingerprint() != first, "a changed picture makes frames stale");
+}
+
+#[test]
 fn check_reads_what_render_reads() {
     let folder = Folder::new();
     folder.write("smoke.yaml", SMOKE);

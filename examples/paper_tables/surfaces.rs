@@ -7,7 +7,7 @@ use curlsmoke::flow::dfvn::{FromFn, Function};
 use curlsmoke::flow::pair::RMS_PRODUCT;
 use curlsmoke::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
 use curlsmoke::flow::simplex::{Simplex, Slope};
-use curlsmoke::flow::surface::SurfaceFlow;
+use curlsmoke::flow::surface::{SurfaceFlow, SurfaceFlowSettings};
 use curlsmoke::geometry::primitive::{Primitive, Torus};
 use curlsmoke::geometry::sdf::{PlacedSdf, Sdf};
 use curlsmoke::math::hash::Seed;
@@ -99,7 +99,10 @@ pub fn figure_6(report: &mut Report) {
         |_| true,
     );
     let origins = |distance: f64, trace: Trace| -> Vec<Option<[f64; 3]>> {
-        let flow = SurfaceFlow::new(solid.clone(), LENGTH, distance, trace, Seed(4), None);
+        let flow = SurfaceFlow::new(
+            solid.clone(),
+            SurfaceFlowSettings { length: LENGTH, distance, trace, seed: Seed(4), cache: None },
+        );
         hits.par_iter().map(|hit| hit.map(|hit| flow.origin(hit.place.to_array()))).collect()
     };
     let save = |report: &mut Report, name: &str, origins: &[Option<[f64; 3]>]| {

@@ -16,6 +16,7 @@ pub mod octaves;
 pub mod pair;
 pub mod potential;
 pub mod ramp;
+pub mod reach;
 pub mod reproject;
 pub mod settle;
 pub mod simplex;

@@ -11,6 +11,7 @@
 //! are such solids too.
 
 use crate::flow::ramp::{UnitNormal, unit_normal};
+use crate::flow::reach::{has_smooth_normal, reach};
 use crate::geometry::motion::{Motion, RigidSpan, turned_derivatives};
 use crate::geometry::primitive::{HalfSpace, Primitive};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
@@ -123,7 +124,10 @@ impl Spread {
             }
             Sdf::Primitive(Primitive::Torus(t)) => about(t.axis, t.minor_radius, t.major_radius + t.minor_radius),
             Sdf::Primitive(Primitive::HalfSpace(h)) => about(h.normal, 0.0, 1.0),
-            Sdf::Mesh(mesh) => Self { axes: turn, half: 0.5 * mesh.bounds().size().as_dvec3() },
+            Sdf::SmoothUnion(_) | Sdf::Mesh(_) => {
+                let size = solid.sdf().bounds().map_or(DVec3::ONE, |bounds| bounds.size().as_dvec3());
+                Self { axes: turn, half: 0.5 * size }
+            }
         };
         Self { half: own.half * f64::from(solid.placement().scale), ..own }
     }
@@ -186,7 +190,7 @@ impl Obstacle {
             size: bounds.map_or(ENDLESS_INFLUENCE, |b| 0.5 * f64::from(b.size().max_element())),
             reach: walls.iter().map(|wall| reach(&wall.sdf, first.is_container)).fold(f64::INFINITY, f64::min),
             is_endless,
-            has_smooth_normal: solids.len() == 1 && has_smooth_normal(&solids[0]),
+            has_smooth_normal: solids.len() == 1 && has_smooth_normal(&solids[0], first.is_container),
             hole: if solids.len() == 1 && !first.is_container { hole(&solids[0]) } else { None },
             boxes: boxes.collect(),
             motion: first.motion.clone(),
@@ -394,28 +398,6 @@ fn container_walls(solid: &Arc<PlacedSdf>) -> Vec<Arc<PlacedSdf>> {
             Arc::new(PlacedSdf::new(Sdf::Primitive(Primitive::HalfSpace(plane)), *solid.placement()))
         })
         .collect()
-}
-
-/// Distance from the wall at which the solid's outer distance has a ridge of its own [m].
-fn reach(solid: &PlacedSdf, is_container: bool) -> f64 {
-    let scale = f64::from(solid.placement().scale);
-    match (solid.sdf(), is_container) {
-        (Sdf::Primitive(Primitive::Torus(t)), false) => scale * (t.major_radius - t.minor_radius).max(1e-6),
-        (Sdf::Primitive(Primitive::Torus(t)), true) => scale * t.minor_radius,
-        (Sdf::Primitive(Primitive::Sphere(s)), true) => scale * s.radius,
-        (Sdf::Primitive(Primitive::Capsule(c)), true) => scale * c.radius,
-        (Sdf::Primitive(Primitive::Cuboid(c)), true) => scale * c.half_size.min_element(),
-        _ => f64::INFINITY,
-    }
-}
-
-fn has_smooth_normal(solid: &PlacedSdf) -> bool {
-    match solid.sdf() {
-        // Equation 5 differentiates the normal, which must change smoothly for the velocity not to jump: a capsule's bends
-        // suddenly where its caps begin, a rounded box's where the rounding does, a mesh's at every edge.
-        Sdf::Primitive(Primitive::Sphere(_) | Primitive::Torus(_) | Primitive::HalfSpace(_)) => true,
-        Sdf::Primitive(Primitive::Cuboid(_) | Primitive::Capsule(_)) | Sdf::Mesh(_) => false,
-    }
 }
 
 fn hole(solid: &PlacedSdf) -> Option<Hole> {

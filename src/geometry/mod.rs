@@ -1,5 +1,6 @@
 //! Shapes: distances and hits, built from the scene's settings.
 
+pub mod along;
 pub mod embree;
 pub mod mesh;
 pub mod mesh_file;
@@ -7,8 +8,10 @@ pub mod mesh_sdf;
 pub mod motion;
 pub mod primitive;
 pub mod sdf;
+pub mod smooth_union;
 pub mod spline;
 pub mod trace;
+pub mod trace_union;
 pub mod triangle;
 
 use crate::geometry::embree::{EmbreeError, SceneBuilder, TraceScene};
@@ -17,7 +20,7 @@ use crate::geometry::mesh_file::{MeshFileError, read_mesh};
 use crate::geometry::mesh_sdf::{MeshSdf, MeshSdfError};
 use crate::geometry::motion::{Motion, Pose};
 use crate::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
-use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::geometry::sdf::{PlacedSdf, Sdf, SmoothUnion};
 use crate::geometry::trace::Solid;
 use crate::math::space::Similarity;
 use crate::progress::{Progress, Silent, Stage};
@@ -151,7 +154,7 @@ impl Geometry {
                     let built = geometry.mesh_shape(scene, name, mesh, &placement, with_distances)?;
                     Shape { visible: shape.visible, ..built }
                 }
-                None => primitive_shape(name, shape, placement),
+                None => formula_shape(name, shape, placement),
             };
             let motion = shape.motion.as_ref().map(|motion| Arc::new(rigid_motion(motion)));
             geometry.shapes.push(Shape { motion, ..built });
@@ -294,8 +297,8 @@ fn memory_limit(scene: &Scene) -> u64 {
     (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64
 }
 
-fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity) -> Shape {
-    let sdf = primitive(settings).map(|p| Arc::new(PlacedSdf::new(Sdf::Primitive(p), placement)));
+fn formula_shape(name: &str, settings: &settings::Shape, placement: Similarity) -> Shape {
+    let sdf = formula(settings).map(|sdf| Arc::new(PlacedSdf::new(sdf, placement)));
     let extent = settings.plane.as_ref().map_or(0.0, |plane| plane.extent);
     let solid = sdf.as_deref().and_then(|sdf| Solid::try_new(sdf, extent)).map(Arc::new);
     let pivot = sdf.as_ref().map_or(DVec3::ZERO, |sdf| sdf.center().0.as_dvec3());
@@ -312,30 +315,58 @@ fn primitive_shape(name: &str, settings: &settings::Shape, placement: Similarity
     }
 }
 
-fn primitive(shape: &settings::Shape) -> Option<Primitive> {
-    let vector = DVec3::from_array;
-    let direction = |v: settings::Vec3| vector(v).try_normalize().unwrap_or(DVec3::Y);
-    if let Some(s) = &shape.sphere {
-        return Some(Primitive::Sphere(Sphere { center: vector(s.center), radius: s.radius }));
+/// The distance of a shape that has a formula, in its own space.
+fn formula(shape: &settings::Shape) -> Option<Sdf> {
+    if let Some(union) = &shape.smooth_union {
+        let parts = union.parts.iter().filter_map(|part| Some((part_solid(part)?, similarity(&part.transform))));
+        return Some(Sdf::SmoothUnion(Arc::new(SmoothUnion::new(parts, union.width))));
     }
-    if let Some(s) = &shape.cuboid {
-        let half_size = vector(s.size) * 0.5;
-        let rounding = s.rounding.clamp(0.0, half_size.min_element());
-        return Some(Primitive::Cuboid(Cuboid { center: vector(s.center), half_size, rounding }));
-    }
-    if let Some(s) = &shape.capsule {
-        return Some(Primitive::Capsule(Capsule { start: vector(s.start), end: vector(s.end), radius: s.radius }));
-    }
-    if let Some(s) = &shape.torus {
-        return Some(Primitive::Torus(Torus {
-            center: vector(s.center),
-            axis: direction(s.axis),
-            major_radius: s.major_radius,
-            minor_radius: s.minor_radius,
-        }));
-    }
-    let s = shape.plane.as_ref()?;
-    Some(Primitive::HalfSpace(HalfSpace { point: vector(s.point), normal: direction(s.normal) }))
+    let solid = if let Some(s) = &shape.sphere {
+        sphere(s)
+    } else if let Some(s) = &shape.cuboid {
+        cuboid(s)
+    } else if let Some(s) = &shape.capsule {
+        capsule(s)
+    } else if let Some(s) = &shape.torus {
+        torus(s)
+    } else {
+        let s = shape.plane.as_ref()?;
+        Primitive::HalfSpace(HalfSpace { point: DVec3::from_array(s.point), normal: direction(s.normal) })
+    };
+    Some(Sdf::Primitive(solid))
+}
+
+fn part_solid(part: &settings::Part) -> Option<Primitive> {
+    let round = part.sphere.as_ref().map(sphere).or_else(|| part.capsule.as_ref().map(capsule));
+    round.or_else(|| part.cuboid.as_ref().map(cuboid)).or_else(|| part.torus.as_ref().map(torus))
+}
+
+fn sphere(s: &settings::Sphere) -> Primitive {
+    Primitive::Sphere(Sphere { center: DVec3::from_array(s.center), radius: s.radius })
+}
+
+fn cuboid(s: &settings::Cuboid) -> Primitive {
+    let half_size = DVec3::from_array(s.size) * 0.5;
+    let rounding = s.rounding.clamp(0.0, half_size.min_element());
+    Primitive::Cuboid(Cuboid { center: DVec3::from_array(s.center), half_size, rounding })
+}
+
+fn capsule(s: &settings::Capsule) -> Primitive {
+    let [start, end] = [s.start, s.end].map(DVec3::from_array);
+    Primitive::Capsule(Capsule { start, end, radius: s.radius })
+}
+
+fn torus(s: &settings::Torus) -> Primitive {
+    Primitive::Torus(Torus {
+        center: DVec3::from_array(s.center),
+        axis: direction(s.axis),
+        major_radius: s.major_radius,
+        minor_radius: s.minor_radius,
+    })
+}
+
+fn direction(v: settings::Vec3) -> DVec3 {
+    DVec3::from_array(v).try_normalize().unwrap_or(DVec3::Y)
 }
 
 fn rigid_motion(settings: &settings::Motion) -> Motion {

@@ -5,12 +5,12 @@
 //! bound on how fast the slope can fall gives the step. Crossings are found to the rounding of `f64`, so that a hit is
 //! as accurate as its `f32` ray parameter can say.
 
+use crate::geometry::along::Along;
 use crate::geometry::primitive::{Primitive, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::geometry::trace_union::UnionLine;
 use crate::math::aabb::Aabb;
-use crate::math::real::Real;
 use glam::{DVec3, Vec3};
-use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// Steps after which a ray counts as missing. A ray that grazes a convex solid needs about 30, one that skims the
 /// inside of a torus about 60.
@@ -25,7 +25,6 @@ const BOX_SLACK: f64 = 1e-6;
 /// A solid with a formula, ready to be hit by rays.
 #[derive(Debug, Clone)]
 pub struct Solid {
-    primitive: Primitive,
     sdf: PlacedSdf,
     bounds: Aabb,
     /// Half the width of the square of a half space that can be hit, in its own space [m].
@@ -36,9 +35,9 @@ impl Solid {
     /// `sdf` as a target of rays; of a half space, a square of half-width `extent` round its point [m, own space].
     /// `None` for distances that are not formulas.
     pub fn try_new(sdf: &PlacedSdf, extent: f64) -> Option<Self> {
-        let Sdf::Primitive(primitive) = *sdf.sdf() else { return None };
-        let bounds = match primitive {
-            Primitive::HalfSpace(plane) => {
+        let bounds = match sdf.sdf() {
+            Sdf::Mesh(_) => return None,
+            Sdf::Primitive(Primitive::HalfSpace(plane)) => {
                 let (s, t) = plane.normal.any_orthonormal_pair();
                 let corners = [s + t, s - t, t - s, -s - t].map(|c| (plane.point + c * extent).as_vec3());
                 Aabb::from_points(corners.map(|c| sdf.placement().point_to_world(c).0))
@@ -46,7 +45,7 @@ impl Solid {
             _ => sdf.bounds()?,
         };
         let bounds = bounds.dilated(1e-5 * bounds.min.abs().max(bounds.max.abs()).max_element());
-        Some(Self { primitive, sdf: sdf.clone(), bounds, extent })
+        Some(Self { sdf: sdf.clone(), bounds, extent })
     }
 
     /// The same solid, placed elsewhere.
@@ -69,8 +68,18 @@ impl Solid {
     /// `direction` has length 1.
     #[inline]
     pub fn crossing(&self, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) -> Option<f32> {
-        let line = Line { solid: self, origin: origin.as_dvec3(), direction: direction.as_dvec3() };
-        if let Primitive::HalfSpace(plane) = &self.primitive {
+        let (origin_f64, direction_f64) = (origin.as_dvec3(), direction.as_dvec3());
+        let primitive = match self.sdf.sdf() {
+            Sdf::Primitive(primitive) => primitive,
+            Sdf::SmoothUnion(union) => {
+                let (t0, t1) = self.way_through(origin, direction, t_min, t_max)?;
+                let line = UnionLine { sdf: &self.sdf, union, origin: origin_f64, direction: direction_f64 };
+                return in_range(line.crossing(t0, t1)?, t_min, t_max);
+            }
+            Sdf::Mesh(_) => return None,
+        };
+        let line = Line { sdf: &self.sdf, primitive, origin: origin_f64, direction: direction_f64 };
+        if let Primitive::HalfSpace(plane) = primitive {
             let (d, slope) = line.distance(f64::from(t_min));
             let t = f64::from(t_min) - d / slope;
             let from_point = self.sdf.placement().rotation.as_dquat().inverse()
@@ -81,12 +90,9 @@ impl Solid {
             let is_within = from_point.dot(u).abs() <= self.extent && from_point.dot(v).abs() <= self.extent;
             return in_range(t, t_min, t_max).filter(|_| is_within);
         }
-        let (t0, t1) = self.bounds.ray_interval(origin, direction, t_min, t_max)?;
-        // The box is entered and left with the rounding of f32; from far away that could be behind the surface.
-        let t0 = (f64::from(t0) * (1.0 - BOX_SLACK)).max(f64::from(t_min));
-        let t1 = (f64::from(t1) * (1.0 + BOX_SLACK)).min(f64::from(t_max));
+        let (t0, t1) = self.way_through(origin, direction, t_min, t_max)?;
         let is_inside = line.distance(t0).0 < 0.0;
-        let bend = Bend::of(&self.primitive, is_inside, f64::from(self.sdf.placement().scale));
+        let bend = Bend::of(primitive, is_inside, f64::from(self.sdf.placement().scale));
         let t = match bend {
             // The way out of a convex solid is the way in, walked from beyond its bounds.
             Bend::Convex if is_inside => {
@@ -96,6 +102,18 @@ impl Solid {
             _ => line.march(t0, t1, if is_inside { -1.0 } else { 1.0 }, bend),
         };
         in_range(t?, t_min, t_max)
+    }
+}
+
+impl Solid {
+    /// The ray parameters between which the surface can be met.
+    #[inline]
+    fn way_through(&self, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) -> Option<(f64, f64)> {
+        let (t0, t1) = self.bounds.ray_interval(origin, direction, t_min, t_max)?;
+        // The box is entered and left with the rounding of f32; from far away that could be behind the surface.
+        let t0 = (f64::from(t0) * (1.0 - BOX_SLACK)).max(f64::from(t_min));
+        let t1 = (f64::from(t1) * (1.0 + BOX_SLACK)).min(f64::from(t_max));
+        Some((t0, t1))
     }
 }
 
@@ -129,7 +147,8 @@ impl Bend {
 
 /// A ray in the presence of a solid.
 struct Line<'a> {
-    solid: &'a Solid,
+    sdf: &'a PlacedSdf,
+    primitive: &'a Primitive,
     origin: DVec3,
     direction: DVec3,
 }
@@ -138,11 +157,11 @@ impl Line<'_> {
     /// Distance at `t` and its slope along the ray.
     #[inline]
     fn distance(&self, t: f64) -> (f64, f64) {
-        let local = self.solid.sdf.to_local(std::array::from_fn(|axis| {
+        let local = self.sdf.to_local(std::array::from_fn(|axis| {
             Along::new(self.origin[axis] + self.direction[axis] * t, self.direction[axis])
         }));
-        let d = self.solid.primitive.distance(local);
-        let scale = f64::from(self.solid.sdf.placement().scale);
+        let d = self.primitive.distance(local);
+        let scale = f64::from(self.sdf.placement().scale);
         (d.value * scale, d.slope * scale)
     }
 
@@ -175,97 +194,6 @@ impl Line<'_> {
             s += if step < smallest { smallest } else { 0.0 };
         }
         None
-    }
-}
-
-/// A number and its derivative along the ray.
-#[derive(Debug, Clone, Copy)]
-struct Along {
-    value: f64,
-    slope: f64,
-}
-
-impl Along {
-    #[inline(always)]
-    fn new(value: f64, slope: f64) -> Self {
-        Self { value, slope }
-    }
-}
-
-impl Add for Along {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, o: Self) -> Self {
-        Self::new(self.value + o.value, self.slope + o.slope)
-    }
-}
-
-impl Sub for Along {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, o: Self) -> Self {
-        Self::new(self.value - o.value, self.slope - o.slope)
-    }
-}
-
-impl Neg for Along {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self::new(-self.value, -self.slope)
-    }
-}
-
-impl Mul for Along {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, o: Self) -> Self {
-        // The product rule.
-        #[allow(clippy::suspicious_arithmetic_impl)]
-        Self::new(self.value * o.value, self.value * o.slope + self.slope * o.value)
-    }
-}
-
-impl Div for Along {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, o: Self) -> Self {
-        let quotient = self.value / o.value;
-        #[allow(clippy::suspicious_arithmetic_impl)]
-        Self::new(quotient, (self.slope - quotient * o.slope) / o.value)
-    }
-}
-
-impl Real for Along {
-    #[inline(always)]
-    fn lit(self, x: f64) -> Self {
-        Self::new(x, 0.0)
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        let root = self.value.sqrt();
-        // Where the root is 0 there is no slope; a falling one keeps the march going.
-        Self::new(root, if root > 0.0 { 0.5 * self.slope / root } else { 0.0 })
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        if self.value < 0.0 { -self } else { self }
-    }
-    #[inline(always)]
-    fn min(self, o: Self) -> Self {
-        if self.value < o.value { self } else { o }
-    }
-    #[inline(always)]
-    fn max(self, o: Self) -> Self {
-        if self.value > o.value { self } else { o }
-    }
-    #[inline(always)]
-    fn mul_add(self, a: Self, b: Self) -> Self {
-        self * a + b
-    }
-    #[inline(always)]
-    fn select_lt(self, bound: Self, then: Self, otherwise: Self) -> Self {
-        if self.value < bound.value { then } else { otherwise }
     }
 }
 
@@ -317,7 +245,7 @@ mod tests {
         let mut rng = CounterRng::new(Seed(11));
         let mut cube = |half: f32| Vec3::from_array(std::array::from_fn(|_| (rng.uniform() * 2.0 - 1.0) * half));
         for solid in solids() {
-            let is_plane = matches!(solid.primitive, Primitive::HalfSpace(_));
+            let is_plane = matches!(solid.sdf.sdf(), Sdf::Primitive(Primitive::HalfSpace(_)));
             let (mut hits, mut disagreements) = (0, 0);
             for i in 0..1500 {
                 let origin = cube(if i % 2 == 0 { 2.0 } else { 0.5 });
@@ -327,7 +255,7 @@ mod tests {
                 if let Some(t) = t {
                     hits += 1;
                     let p = origin.as_dvec3() + direction.as_dvec3() * f64::from(t);
-                    assert!(solid.sdf.distance(p.to_array()).abs() < 1e-6, "{:?}: not on the surface", solid.primitive);
+                    assert!(solid.sdf.distance(p.to_array()).abs() < 1e-6, "{:?}: not on the surface", solid.sdf.sdf());
                 }
                 match (t, expected) {
                     (Some(t), Some(e)) if (f64::from(t) - e).abs() < 3e-3 => {}
@@ -337,8 +265,8 @@ mod tests {
                     _ => disagreements += 1,
                 }
             }
-            assert!(hits > 300, "{:?}: {hits}", solid.primitive);
-            assert!(disagreements <= 3, "{:?}: {disagreements}", solid.primitive);
+            assert!(hits > 300, "{:?}: {hits}", solid.sdf.sdf());
+            assert!(disagreements <= 3, "{:?}: {disagreements}", solid.sdf.sdf());
         }
     }
 
@@ -347,7 +275,7 @@ mod tests {
         let mut rng = CounterRng::new(Seed(3));
         let mut unit = || std::array::from_fn(|_| rng.uniform() * 2.0 - 1.0);
         for solid in solids() {
-            if matches!(solid.primitive, Primitive::Torus(_)) {
+            if matches!(solid.sdf.sdf(), Sdf::Primitive(Primitive::Torus(_))) {
                 continue;
             }
             for _ in 0..2000 {
@@ -359,7 +287,7 @@ mod tests {
                 let away = Vec3::from_array(unit());
                 let away = (if away.dot(normal) < 0.0 { -away } else { away }).normalize();
                 let outside = hit + normal * 2e-5;
-                assert_eq!(solid.crossing(outside, away, 0.0, 100.0), None, "{:?}", solid.primitive);
+                assert_eq!(solid.crossing(outside, away, 0.0, 100.0), None, "{:?}", solid.sdf.sdf());
             }
         }
     }
@@ -367,8 +295,8 @@ mod tests {
     #[test]
     fn rays_from_far_away_hit_the_near_side() {
         for solid in solids() {
-            let target = if matches!(solid.primitive, Primitive::Torus(_)) {
-                let Primitive::Torus(t) = solid.primitive else { unreachable!() };
+            let target = if matches!(solid.sdf.sdf(), Sdf::Primitive(Primitive::Torus(_))) {
+                let Sdf::Primitive(Primitive::Torus(t)) = *solid.sdf.sdf() else { unreachable!() };
                 let rim = (t.axis.any_orthonormal_vector() * t.major_radius).as_vec3();
                 solid.sdf.placement().point_to_world(rim).0
             } else {
@@ -377,7 +305,7 @@ mod tests {
             for direction in [Vec3::new(0.3, -0.8, 0.2), Vec3::new(-0.5, -0.7, 0.3)].map(Vec3::normalize) {
                 let t = solid.crossing(target - direction * 3000.0, direction, 0.0, f32::INFINITY).expect("hits");
                 let near = solid.crossing(target - direction * 3.0, direction, 0.0, f32::INFINITY).expect("hits");
-                assert!((t - 2997.0 - near).abs() < 2e-3, "{:?}: {t} {near}", solid.primitive);
+                assert!((t - 2997.0 - near).abs() < 2e-3, "{:?}: {t} {near}", solid.sdf.sdf());
             }
         }
     }

@@ -11,38 +11,6 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 /// smoke by itself finds the sky with as little noise, and a shadow ray less.
 const CONTRAST_WORTH_SAMPLING: f32 = 4.0;
 
-/// Radiances by longitude and latitude, top row first.
-#[derive(Debug, Clone)]
-pub struct RadiancePicture {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// `width · height` radiances [W/(m² sr)].
-    pub pixels: Vec<Rgb>,
-}
-
-impl RadiancePicture {
-    /// Says which pixel, if any, cannot be a radiance.
-    ///
-    /// # Errors
-    /// For a picture without pixels, and a radiance that is negative or no number.
-    pub fn check(&self) -> Result<(), String> {
-        if self.pixels.is_empty() {
-            return Err("the picture has no pixels".into());
-        }
-        match self.pixels.iter().position(|p| !p.is_finite() || p.min_element() < 0.0) {
-            None => Ok(()),
-            Some(i) => Err(format!(
-                "pixel ({}, {}) is {}: radiance must be a number that is not negative",
-                i % self.width,
-                i / self.width,
-                self.pixels[i]
-            )),
-        }
-    }
-}
-
 /// Light from all around.
 #[derive(Debug, Clone)]
 pub struct Environment {

@@ -139,7 +139,7 @@ impl<'a> Integrator<'a> {
                         return contribution;
                     }
                     (None, Some(hit)) => {
-                        let point = self.world.materials[hit.shape_idx as usize].at(hit.position);
+                        let point = self.world.materials[hit.shape_idx as usize].at(hit.position, hit.shading_normal);
                         // No light of the direct connections, so that every path that meets it counts in full.
                         contribution.radiance += throughput * point.emitted;
                         self.surface_vertex(hit, ray.direction, point.bsdf)

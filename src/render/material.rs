@@ -6,6 +6,7 @@ use crate::render::color::Rgb;
 use crate::render::texture::Texture;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, TAU};
+use std::sync::Arc;
 
 /// What a surface does to light. Both sides behave alike.
 #[derive(Debug)]
@@ -17,7 +18,7 @@ pub struct Material {
     /// Where its shape has moved from where it rests, which is where textures are looked up.
     pub moved: Similarity,
     /// What carries textures along its surface.
-    pub flow: Option<SurfaceFlow>,
+    pub flow: Option<Arc<SurfaceFlow>>,
 }
 
 /// What light meets at a point of a surface.
@@ -61,17 +62,24 @@ pub struct BsdfSample {
 }
 
 impl Material {
-    /// The material at a point of the surface.
-    pub fn at(&self, point: WorldPoint) -> SurfacePoint {
+    /// The material at a point of the surface with its outward normal.
+    ///
+    /// What flows brings its own normal along: textures are those of the place that it came from.
+    pub fn at(&self, point: WorldPoint, normal: UnitVec3) -> SurfacePoint {
         let MaterialKind::Diffuse { reflectance } = &self.kind;
         let is_patterned = !reflectance.is_constant() || self.emission.as_ref().is_some_and(|e| !e.is_constant());
         let mut p = self.moved.point_to_local(point).to_array().map(f64::from);
-        if let Some(flow) = self.flow.as_ref().filter(|_| is_patterned) {
+        let flow = self.flow.as_ref().filter(|_| is_patterned);
+        if let Some(flow) = flow {
             p = flow.origin(p);
         }
+        let normal = || match flow {
+            Some(flow) => flow.normal(p),
+            None => (self.moved.rotation.inverse() * normal.as_vec3()).as_dvec3(),
+        };
         SurfacePoint {
-            bsdf: Bsdf::Diffuse { reflectance: reflectance.at(p) },
-            emitted: self.emission.as_ref().map_or(Vec3::ZERO, |emission| emission.at(p)),
+            bsdf: Bsdf::Diffuse { reflectance: reflectance.at(p, normal) },
+            emitted: self.emission.as_ref().map_or(Vec3::ZERO, |emission| emission.at(p, normal)),
         }
     }
 }

@@ -9,18 +9,21 @@ pub mod environment;
 pub mod film;
 pub mod filter;
 pub mod glow;
+pub mod image_texture;
 pub mod integrator;
 pub mod light;
 pub mod material;
 pub mod medium;
 pub mod phase;
+pub mod picture;
 pub mod sampler;
+pub mod surface_keys;
 pub mod texture;
 pub mod tiles;
 pub mod tracking;
 
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
-use crate::flow::surface::{CacheSettings, SurfaceFlow};
+use crate::flow::surface::{CacheSettings, SurfaceFlow, SurfaceFlowSettings};
 use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
 use crate::geometry::sdf::PlacedSdf;
@@ -28,18 +31,22 @@ use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::camera::Camera;
-use crate::render::environment::{Environment, RadiancePicture};
+use crate::render::environment::Environment;
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
+use crate::render::image_texture::{ImageTexture, LatLong, Planar, Projection, Triplanar};
 use crate::render::integrator::{PathLimits, World};
 use crate::render::light::{Light, Rectangle, Sphere};
 use crate::render::material::{Material, MaterialKind};
 use crate::render::medium::Medium;
 use crate::render::phase::Phase;
+use crate::render::picture::Picture;
+use crate::render::surface_keys::{FlowState, state_at};
 use crate::render::texture::{FlowNoise, Ramp, Texture};
 use crate::render::tiles::View;
 use crate::scene::{Scene, settings};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -49,12 +56,12 @@ pub enum RenderError {
     /// The caller asked to stop.
     #[error("cancelled")]
     Cancelled,
-    /// A picture of the surroundings cannot be read. The error is that of whoever read it, and names the file.
+    /// A picture cannot be read. The error is that of whoever read it, and names the file.
     #[error(transparent)]
     Picture(Box<dyn std::error::Error + Send + Sync>),
-    /// A picture of the surroundings holds what is no light.
+    /// A picture holds what is no light.
     #[error("{path}: {problem}", path = path.display())]
-    Environment {
+    NoLight {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
@@ -67,6 +74,24 @@ pub enum RenderError {
         light_idx: usize,
         /// What is wrong with it.
         source: Box<RenderError>,
+    },
+    /// A texture cannot be made.
+    #[error("{source}")]
+    Texture {
+        /// The key of its file in the scene.
+        key: String,
+        /// What is wrong with it.
+        source: Box<RenderError>,
+    },
+    /// The pictures of all textures take too much memory.
+    #[error(
+        "the pictures of all textures take {needed} bytes of memory, more than the limit of {limit}; make them smaller, or raise render.memory_limit_gib"
+    )]
+    TexturesTooLarge {
+        /// Memory that they need, up to the first that is too much [bytes].
+        needed: u64,
+        /// Memory that is allowed [bytes].
+        limit: u64,
     },
     /// Smoke too dense for single precision.
     #[error(
@@ -99,19 +124,79 @@ pub enum RenderError {
     },
 }
 
-/// Reads a picture of the surroundings, or says what is wrong with it: file formats are not this stage's business.
-pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<RadiancePicture, Box<dyn std::error::Error + Send + Sync>>;
+/// Reads a picture, or says what is wrong with it: file formats are not this stage's business.
+pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<Picture, Box<dyn std::error::Error + Send + Sync>>;
 
 /// Largest extinction coefficient that light is traced through [1/m]: far beyond any matter, and far from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
 
-/// Surfaces, materials and lights of a scene, with textures as they are at a time [s]: all but the smoke.
+/// What the textures of a scene keep from frame to frame.
+#[derive(Debug)]
+pub struct TextureStore {
+    /// Pictures by the names of their files.
+    pictures: BTreeMap<String, Arc<Picture>>,
+    /// Of each shape, the flow along its surface as it was last.
+    flows: Vec<Option<Arc<SurfaceFlow>>>,
+}
+
+impl TextureStore {
+    /// Reads the pictures of all textures, each once.
+    ///
+    /// # Errors
+    /// [`RenderError::Texture`] for the first that cannot be used: missing, faulty, no light, or as a reflectance above 1.
+    pub fn load(scene: &Scene, load: LoadPicture) -> Result<Self, RenderError> {
+        let mut store = Self { pictures: BTreeMap::new(), flows: vec![None; scene.settings.shapes.len()] };
+        let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
+        for (name, shape) in &scene.settings.shapes {
+            let settings::Material::Diffuse(diffuse) = &shape.material;
+            for (slot, texture) in [("reflectance", &diffuse.reflectance), ("emission", &diffuse.emission)] {
+                let settings::Texture::Image(image) = texture else { continue };
+                let key = format!("shapes.{name}.material.diffuse.{slot}.image.file");
+                store
+                    .picture(scene, image, slot == "reflectance", load, limit)
+                    .map_err(|e| RenderError::Texture { key, source: Box::new(e) })?;
+            }
+        }
+        Ok(store)
+    }
+
+    fn picture(
+        &mut self,
+        scene: &Scene,
+        image: &settings::ImageTexture,
+        is_reflectance: bool,
+        load: LoadPicture,
+        limit: u64,
+    ) -> Result<(), RenderError> {
+        let path = scene.resolve(&image.file);
+        let no_light = |problem| RenderError::NoLight { path: path.clone(), problem };
+        if !self.pictures.contains_key(&image.file) {
+            let picture = load(&path).map_err(RenderError::Picture)?;
+            picture.check(if is_reflectance { "a reflectance" } else { "radiance" }).map_err(no_light)?;
+            self.pictures.insert(image.file.clone(), Arc::new(picture));
+            let needed = self.pictures.values().map(|p| size_of_val(p.pixels.as_slice()) as u64).sum();
+            if needed > limit {
+                return Err(RenderError::TexturesTooLarge { needed, limit });
+            }
+        }
+        if is_reflectance {
+            self.pictures[&image.file].check_reflects(image.scale as f32).map_err(no_light)?;
+        }
+        Ok(())
+    }
+}
+
+/// Surfaces, materials and lights of a scene: all but the smoke.
 ///
 /// # Errors
 /// When Embree refuses the surfaces or a picture of the surroundings cannot be used.
-pub fn build_world(scene: &Scene, geometry: &Geometry, time: f64, load: LoadPicture) -> Result<World, RenderError> {
+pub fn build_world(
+    scene: &Scene,
+    geometry: &Geometry,
+    materials: Vec<Material>,
+    load: LoadPicture,
+) -> Result<World, RenderError> {
     let surfaces = geometry.trace_scene()?;
-    let materials = build_materials(scene, geometry, time);
     let lights = build_lights(scene, load)?;
     // What the camera looks at is what is lit.
     let center = world_point(scene.settings.camera.look_at);
@@ -119,47 +204,97 @@ pub fn build_world(scene: &Scene, geometry: &Geometry, time: f64, load: LoadPict
 }
 
 /// The material of each shape, with textures as they are at a time [s]; `geometry` is where shapes are at that time.
-pub fn build_materials(scene: &Scene, geometry: &Geometry, time: f64) -> Vec<Material> {
+pub fn build_materials(scene: &Scene, geometry: &Geometry, store: &mut TextureStore, time: f64) -> Vec<Material> {
     let shapes = scene.settings.shapes.values().zip(&geometry.shapes);
     // A quarter of all memory for all of them.
     let flows = scene.settings.shapes.values().filter(|shape| shape.surface_flow.is_some()).count().max(1);
     let cache_bytes = (scene.settings.render.memory_limit_gib * f64::from(1 << 28)) as u64 / flows as u64;
+    let TextureStore { pictures, flows } = store;
     shapes
-        .map(|(shape, placed)| {
+        .zip(flows)
+        .map(|((shape, placed), last)| {
             let settings::Material::Diffuse(diffuse) = &shape.material;
-            let reflectance = texture(&diffuse.reflectance, time);
-            let emission = (!diffuse.emission.is_black()).then(|| texture(&diffuse.emission, time));
+            let reflectance = texture(&diffuse.reflectance, pictures, time);
+            let emission = (!diffuse.emission.is_black()).then(|| texture(&diffuse.emission, pictures, time));
             let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
-            let flow = flow.map(|(flow, solid)| surface_flow(flow, solid.clone(), time, cache_bytes));
+            let flow = flow.map(|(flow, solid)| surface_flow(flow, solid, time, cache_bytes, last));
             Material { kind: MaterialKind::Diffuse { reflectance }, emission, moved: placed.moved, flow }
         })
         .collect()
 }
 
-fn surface_flow(flow: &settings::SurfaceFlow, solid: Arc<PlacedSdf>, time: f64, cache_bytes: u64) -> SurfaceFlow {
-    let distance = flow.distance + flow.speed * time;
+/// The flow along a surface at a time [s]: the last one, if it is the same, with all that was followed of it.
+fn surface_flow(
+    flow: &settings::SurfaceFlow,
+    solid: &Arc<PlacedSdf>,
+    time: f64,
+    cache_bytes: u64,
+    last: &mut Option<Arc<SurfaceFlow>>,
+) -> Arc<SurfaceFlow> {
+    let settings = surface_flow_settings(flow, time, cache_bytes);
+    match last {
+        Some(last) if last.is_of(solid, &settings) => last.clone(),
+        _ => last.insert(Arc::new(SurfaceFlow::new(solid.clone(), settings))).clone(),
+    }
+}
+
+fn surface_flow_settings(flow: &settings::SurfaceFlow, time: f64, cache_bytes: u64) -> SurfaceFlowSettings {
+    let keys = flow.keys.iter().map(|key| {
+        let steps = key.steps.or(flow.steps).map(f64::from);
+        let length = key.length_scale.unwrap_or(flow.length_scale);
+        (key.time, FlowState { distance: key.distance, length, steps })
+    });
+    let is_smooth = flow.interpolation == settings::Interpolation::Smooth;
+    let own = FlowState {
+        distance: flow.distance + flow.speed * time,
+        length: flow.length_scale,
+        steps: flow.steps.map(f64::from),
+    };
+    let FlowState { distance, length, steps } = state_at(&keys.collect::<Vec<_>>(), time, is_smooth).unwrap_or(own);
     // So many to a swirl.
-    let steps = (16.0 * distance.abs() / flow.length_scale).ceil().clamp(16.0, 4096.0) as u32;
+    let own_steps = (16.0 * distance.abs() / length).ceil().clamp(16.0, 4096.0) as u32;
     let trace = Trace {
-        steps: flow.steps.unwrap_or(steps),
+        steps: steps.map_or(own_steps, |steps| steps.round() as u32),
         integrator: match flow.integrator {
             settings::SurfaceIntegrator::Euler => Integrator::Euler,
             settings::SurfaceIntegrator::Rk4 => Integrator::RungeKutta,
         },
         reprojection: Reprojection::Newton(Repetition { steps: flow.reprojections, tolerance: 0.0 }),
     };
-    let spacing = flow.cache_spacing.unwrap_or(flow.length_scale / 160.0);
+    let spacing = flow.cache_spacing.unwrap_or(length / 160.0);
     let cache = (spacing > 0.0).then_some(CacheSettings { spacing, bytes: cache_bytes });
-    SurfaceFlow::new(solid, flow.length_scale, distance, trace, Seed(flow.seed), cache)
+    SurfaceFlowSettings { length, distance, trace, seed: Seed(flow.seed), cache }
 }
 
-fn texture(texture: &settings::Texture, time: f64) -> Texture {
+fn texture(texture: &settings::Texture, pictures: &BTreeMap<String, Arc<Picture>>, time: f64) -> Texture {
     match texture {
         settings::Texture::Constant(color) => Texture::Constant(vec3(*color)),
         settings::Texture::FlowNoise(noise) => flow_noise(noise, time),
         settings::Texture::Stripes(s) => Texture::Stripes { along: s.along, colors: s.colors.map(vec3) },
         settings::Texture::Checker(c) => Texture::Checker { size: c.size, colors: c.colors.map(vec3) },
         settings::Texture::Rings(r) => Texture::Rings { center: r.center, width: r.width, colors: r.colors.map(vec3) },
+        settings::Texture::Image(image) => Texture::Image(ImageTexture {
+            picture: pictures[&image.file].clone(),
+            projection: projection(&image.projection),
+            scale: image.scale as f32,
+        }),
+    }
+}
+
+fn projection(projection: &settings::Projection) -> Projection {
+    let vector = DVec3::from_array;
+    match projection {
+        settings::Projection::LatLong(globe) => {
+            Projection::LatLong(LatLong::new(vector(globe.center), vector(globe.north), globe.turn_deg))
+        }
+        settings::Projection::Triplanar(tiles) => Projection::Triplanar(Triplanar {
+            tile: tiles.tile,
+            offset: vector(tiles.offset),
+            sharpness: tiles.sharpness,
+        }),
+        settings::Projection::Planar(planar) => {
+            Projection::Planar(Planar::new(vector(planar.center), vector(planar.half_u), vector(planar.half_v)))
+        }
     }
 }
 
@@ -269,9 +404,9 @@ fn environment(scene: &Scene, e: &settings::Environment, load: LoadPicture) -> R
     let is_visible = e.visible.unwrap_or(true);
     if let Some(file) = &e.file {
         let path = scene.resolve(file);
-        let fail = |problem| RenderError::Environment { path: path.clone(), problem };
+        let fail = |problem| RenderError::NoLight { path: path.clone(), problem };
         let picture = load(&path).map_err(RenderError::Picture)?;
-        picture.check().map_err(fail)?;
+        picture.check("radiance").map_err(fail)?;
         let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
         return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));
     }

@@ -2,7 +2,8 @@
 
 use crate::flow::turbulence::TurbulenceSpan;
 use crate::render::color::Rgb;
-use glam::Vec3;
+use crate::render::image_texture::ImageTexture;
+use glam::{DVec3, Vec3};
 
 /// A colour at each point of space.
 #[derive(Debug, Clone)]
@@ -34,6 +35,8 @@ pub enum Texture {
         /// The two, the innermost first.
         colors: [Rgb; 2],
     },
+    /// A picture.
+    Image(ImageTexture),
 }
 
 /// Flow noise through a ramp of colours: C(x + I·t(x)) (Perlin and Neyret 2001), with t the turbulence.
@@ -58,8 +61,9 @@ pub struct Ramp {
 }
 
 impl Texture {
-    /// The colour at a point of world space, where the shape rests [m].
-    pub fn at(&self, p: [f64; 3]) -> Rgb {
+    /// The colour at a point of world space, where the shape rests [m]; `normal` gives the surface's there, of any length
+    /// but 0.
+    pub fn at(&self, p: [f64; 3], normal: impl FnOnce() -> DVec3) -> Rgb {
         match self {
             Self::Constant(color) => *color,
             Self::FlowNoise(noise) => {
@@ -78,6 +82,7 @@ impl Texture {
                 let square: f64 = (0..3).map(|i| (p[i] - center[i]).powi(2)).sum();
                 colors[usize::from((square.sqrt() / width).rem_euclid(2.0) >= 1.0)]
             }
+            Self::Image(image) => image.at(DVec3::from_array(p), normal),
         }
     }
 
@@ -143,6 +148,6 @@ mod tests {
             amplitude: 0.0,
             ramp: Ramp::new(stops(), false),
         }));
-        assert_eq!(texture.at([5.0, 0.25, -3.0]), Vec3::new(0.75, 0.5, 0.5));
+        assert_eq!(texture.at([5.0, 0.25, -3.0], || unreachable!()), Vec3::new(0.75, 0.5, 0.5));
     }
 }

@@ -129,6 +129,9 @@ impl<'s> Writer<'s> {
             "string" => "text".into(),
             "boolean" => "`true` or `false`".into(),
             "array" => match schema["minItems"].as_u64() {
+                Some(count) if schema["maxItems"].is_null() => {
+                    format!("list of at least {count} {}", self.value(items))
+                }
                 Some(count) => {
                     format!("[{}]{}", vec!["number"; count as usize].join(", "), range(resolve(self.root, items)))
                 }

@@ -5,12 +5,16 @@ use crate::scene::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::scene::pattern::{Pattern, spell};
 use crate::scene::schema::decimal;
 use crate::scene::settings::{
-    Camera, Environment, Frames, Light, Mask, Material, Output, Potential, Settings, Shape, Vec3,
+    Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Material, Output, Part, Potential, Settings, Shape,
+    Torus, Vec3,
 };
 use crate::scene::tree::Node;
 use crate::scene::{nearest_file, resolve};
 use std::collections::BTreeSet;
 use std::path::Path;
+
+/// Most parts of a smooth union, each of which is evaluated at every point.
+const UNION_PARTS_MAX: usize = 64;
 
 /// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
 pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
@@ -159,6 +163,7 @@ impl<'s> Check<'s, '_, '_> {
                 ("capsule", shape.capsule.is_some()),
                 ("torus", shape.torus.is_some()),
                 ("plane", shape.plane.is_some()),
+                ("smooth_union", shape.smooth_union.is_some()),
                 ("mesh", shape.mesh.is_some()),
             ];
             self.exactly_one(&key, &given);
@@ -187,7 +192,53 @@ impl<'s> Check<'s, '_, '_> {
     }
 
     fn shape(&mut self, key: &str, shape: &Shape) {
-        if let Some(cuboid) = &shape.cuboid {
+        self.solids(key, shape.cuboid.as_ref(), shape.capsule.as_ref(), shape.torus.as_ref());
+        if let Some(plane) = &shape.plane {
+            self.direction(&format!("{key}.plane.normal"), plane.normal);
+        }
+        if let Some(union) = &shape.smooth_union {
+            if union.parts.len() > UNION_PARTS_MAX {
+                let message = format!("at most {UNION_PARTS_MAX} parts are allowed, found {}", union.parts.len());
+                let key = format!("{key}.smooth_union.parts");
+                self.error_help(
+                    &key,
+                    &key,
+                    message,
+                    "take a `mesh`, whose distance costs the same however large it is",
+                );
+            }
+            for (i, part) in union.parts.iter().enumerate() {
+                self.part(&format!("{key}.smooth_union.parts[{i}]"), part);
+            }
+        }
+        if let Some(mesh) = &shape.mesh {
+            self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
+        }
+        self.material(&format!("{key}.material"), &shape.material);
+        if let Some(flow) = &shape.surface_flow {
+            self.surface_flow(&format!("{key}.surface_flow"), flow, shape.plane.is_some());
+        }
+        self.direction(&format!("{key}.transform.rotate_deg.axis"), shape.transform.rotate_deg.axis);
+        if let Some(motion) = &shape.motion {
+            self.motion(&format!("{key}.motion"), motion, shape.plane.is_some());
+        }
+    }
+
+    fn part(&mut self, key: &str, part: &Part) {
+        let given = [
+            ("sphere", part.sphere.is_some()),
+            ("box", part.cuboid.is_some()),
+            ("capsule", part.capsule.is_some()),
+            ("torus", part.torus.is_some()),
+        ];
+        self.exactly_one(key, &given);
+        self.solids(key, part.cuboid.as_ref(), part.capsule.as_ref(), part.torus.as_ref());
+        self.direction(&format!("{key}.transform.rotate_deg.axis"), part.transform.rotate_deg.axis);
+    }
+
+    /// Solids whose numbers must fit each other.
+    fn solids(&mut self, key: &str, cuboid: Option<&Cuboid>, capsule: Option<&Capsule>, torus: Option<&Torus>) {
+        if let Some(cuboid) = cuboid {
             let shortest = cuboid.size.iter().copied().fold(f64::INFINITY, f64::min);
             if cuboid.rounding > shortest / 2.0 {
                 let allowed = decimal(shortest / 2.0);
@@ -196,13 +247,13 @@ impl<'s> Check<'s, '_, '_> {
                 self.error(&format!("{key}.box.rounding"), &format!("{key}.box"), message);
             }
         }
-        if let Some(capsule) = &shape.capsule
+        if let Some(capsule) = capsule
             && length(difference(capsule.start, capsule.end)) < 1e-9
         {
             let scope = format!("{key}.capsule");
             self.error_help(&format!("{scope}.end"), &scope, "both ends are the same point", "use `sphere`");
         }
-        if let Some(torus) = &shape.torus {
+        if let Some(torus) = torus {
             let scope = format!("{key}.torus");
             self.direction(&format!("{scope}.axis"), torus.axis);
             if torus.minor_radius >= torus.major_radius {
@@ -211,21 +262,6 @@ impl<'s> Check<'s, '_, '_> {
                     format!("must be less than `major_radius`, {major}, found {}", decimal(torus.minor_radius));
                 self.error(&format!("{scope}.minor_radius"), &scope, message);
             }
-        }
-        if let Some(plane) = &shape.plane {
-            self.direction(&format!("{key}.plane.normal"), plane.normal);
-        }
-        if let Some(mesh) = &shape.mesh {
-            self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
-        }
-        self.material(&format!("{key}.material"), &shape.material);
-        if shape.surface_flow.is_some() && shape.plane.is_some() {
-            let key = format!("{key}.surface_flow");
-            self.error_help(&key, &key, "nothing flows on a plane", "take a `box`, whose face is as flat");
-        }
-        self.direction(&format!("{key}.transform.rotate_deg.axis"), shape.transform.rotate_deg.axis);
-        if let Some(motion) = &shape.motion {
-            self.motion(&format!("{key}.motion"), motion, shape.plane.is_some());
         }
     }
 

@@ -1,8 +1,8 @@
 //! What a schema cannot say about materials and textures.
 
 use crate::scene::schema::decimal;
-use crate::scene::settings::{FlowNoise, Material, Texture};
-use crate::scene::validate::Check;
+use crate::scene::settings::{FlowNoise, ImageTexture, Material, Projection, SurfaceFlow, Texture};
+use crate::scene::validate::{Check, length};
 
 impl Check<'_, '_, '_> {
     pub(crate) fn material(&mut self, key: &str, material: &Material) {
@@ -11,7 +11,8 @@ impl Check<'_, '_, '_> {
         self.texture(&reflectance, &diffuse.reflectance);
         for (i, color) in diffuse.reflectance.colors().iter().enumerate() {
             let key = match diffuse.reflectance {
-                Texture::Constant(_) => reflectance.clone(),
+                // A picture has no colours before it is read.
+                Texture::Constant(_) | Texture::Image(_) => reflectance.clone(),
                 Texture::FlowNoise(_) => format!("{reflectance}.flow_noise.ramp[{i}].color"),
                 Texture::Stripes(_) => format!("{reflectance}.stripes.colors[{i}]"),
                 Texture::Checker(_) => format!("{reflectance}.checker.colors[{i}]"),
@@ -27,8 +28,52 @@ impl Check<'_, '_, '_> {
     }
 
     fn texture(&mut self, key: &str, texture: &Texture) {
-        if let Texture::FlowNoise(noise) = texture {
-            self.flow_noise(&format!("{key}.flow_noise"), noise);
+        match texture {
+            Texture::FlowNoise(noise) => self.flow_noise(&format!("{key}.flow_noise"), noise),
+            Texture::Image(image) => self.image(&format!("{key}.image"), image),
+            Texture::Constant(_) | Texture::Stripes(_) | Texture::Checker(_) | Texture::Rings(_) => {}
+        }
+    }
+
+    fn image(&mut self, key: &str, image: &ImageTexture) {
+        self.file(&format!("{key}.file"), &image.file, &["png", "exr", "hdr"]);
+        match &image.projection {
+            Projection::LatLong(globe) => self.direction(&format!("{key}.projection.lat_long.north"), globe.north),
+            Projection::Triplanar(_) => {}
+            Projection::Planar(planar) => {
+                let (u, v) = (planar.half_u, planar.half_v);
+                let cosine = (0..3).map(|i| u[i] * v[i]).sum::<f64>() / (length(u) * length(v));
+                if cosine.is_nan() || cosine.abs() >= 1e-6 {
+                    let message = "`half_u` and `half_v` must be at a right angle, and neither of length 0";
+                    let key = format!("{key}.projection.planar");
+                    self.error(&format!("{key}.half_v"), &key, message);
+                }
+            }
+        }
+    }
+
+    pub(crate) fn surface_flow(&mut self, key: &str, flow: &SurfaceFlow, is_plane: bool) {
+        if is_plane {
+            self.error_help(key, key, "nothing flows on a plane", "take a `box`, whose face is as flat");
+        }
+        if flow.keys.is_empty() {
+            return;
+        }
+        for (name, value) in [("distance", flow.distance), ("speed", flow.speed)] {
+            if value != 0.0 {
+                let message = format!("`{name}` is that of a flow without `keys`, which say how far it has gone");
+                self.error_help(
+                    &format!("{key}.{name}"),
+                    key,
+                    message,
+                    "give either `keys`, or `distance` and `speed`",
+                );
+            }
+        }
+        if let Some(i) = flow.keys.windows(2).position(|pair| pair[1].time <= pair[0].time) {
+            let (before, now) = (decimal(flow.keys[i].time), decimal(flow.keys[i + 1].time));
+            let message = format!("times must rise, found {now} after {before}");
+            self.error(&format!("{key}.keys[{}].time", i + 1), key, message);
         }
     }
 

@@ -6,11 +6,11 @@ use curlsmoke::grid::DensityGrid;
 use curlsmoke::math::hash::Seed;
 use curlsmoke::math::space::WorldPoint;
 use curlsmoke::progress::Silent;
-use curlsmoke::render;
 use curlsmoke::render::film::PathCounts;
 use curlsmoke::render::integrator::{Integrator, World};
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::sampler::Sampler;
+use curlsmoke::render::{self, TextureStore};
 use curlsmoke::scene::Scene;
 use glam::UVec3;
 use rayon::prelude::*;
@@ -27,9 +27,15 @@ pub fn stage(yaml: &str) -> Stage {
     let scene = Scene::from_text(&format!("version: 1\n{yaml}"), Path::new("test.yaml"))
         .unwrap_or_else(|e| panic!("the test's scene is wrong: {e}"));
     let geometry = Geometry::build(&scene, &Silent).expect("shapes of the test can be built");
-    let world = render::build_world(&scene, &geometry, 0.0, &|_| Err("tests bring no pictures".into()))
+    let materials = render::build_materials(&scene, &geometry, &mut textures(&scene), 0.0);
+    let world = render::build_world(&scene, &geometry, materials, &|_| Err("tests bring no pictures".into()))
         .expect("lights of the test can be built");
     Stage { scene, world }
+}
+
+/// What the textures of a scene without pictures keep.
+pub fn textures(scene: &Scene) -> TextureStore {
+    TextureStore::load(scene, &|_| Err("tests bring no pictures".into())).expect("no pictures are asked for")
 }
 
 /// A grid of `dims` voxels of edge `h` about the origin.

@@ -1,6 +1,6 @@
 //! Materials and the textures on them.
 
-use crate::scene::settings::{Rgb, Vec3};
+use crate::scene::settings::{Interpolation, Rgb, Vec3, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -46,25 +46,31 @@ pub enum Texture {
     Checker(Checker),
     /// Shells of two colours round a point.
     Rings(Rings),
+    /// A picture from a file.
+    Image(Box<ImageTexture>),
     /// One colour.
     #[serde(untagged)]
     Constant(#[schemars(inner(range(min = 0.0)))] Rgb),
 }
 
 impl Texture {
-    /// All colours that it blends.
+    /// All colours that it blends; of a picture none, whose colours are in its file.
     pub fn colors(&self) -> Vec<Rgb> {
         match self {
             Self::FlowNoise(noise) => noise.ramp.iter().map(|stop| stop.color).collect(),
             Self::Stripes(stripes) => stripes.colors.to_vec(),
             Self::Checker(checker) => checker.colors.to_vec(),
             Self::Rings(rings) => rings.colors.to_vec(),
+            Self::Image(_) => Vec::new(),
             Self::Constant(color) => vec![*color],
         }
     }
 
-    /// Whether it is black everywhere.
+    /// Whether it is black everywhere, whatever a picture shows.
     pub fn is_black(&self) -> bool {
+        if let Self::Image(image) = self {
+            return image.scale == 0.0;
+        }
         self.colors().iter().all(|color| *color == [0.0; 3])
     }
 }
@@ -106,6 +112,81 @@ pub struct Rings {
     pub colors: [Rgb; 2],
 }
 
+/// A picture laid on a shape where it rests; between its pixels colours blend.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ImageTexture {
+    /// A .png, .exr or .hdr file; relative to the scene file. Numbers of a .png are those of a screen (sRGB), those of the
+    /// others are light already.
+    pub file: String,
+    /// How it is laid on.
+    pub projection: Projection,
+    /// Factor on its colours. Default 1.
+    #[serde(default = "one")]
+    #[schemars(range(min = 0.0))]
+    pub scale: f64,
+}
+
+/// How a picture is laid on a shape.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum Projection {
+    /// By longitude and latitude, as on a globe.
+    LatLong(LatLong),
+    /// Tiles along the three axes, each seen where the surface faces it.
+    Triplanar(Triplanar),
+    /// From one side, through and through.
+    Planar(Planar),
+}
+
+/// A picture by longitude and latitude about a point: north at its top, its middle towards +z, east to its right as seen
+/// from outside. Round the globe it closes; at the poles it ends with its first and last row.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LatLong {
+    /// The point [m].
+    pub center: Vec3,
+    /// Where north is; any length but 0. Default [0, 1, 0].
+    #[serde(default = "up")]
+    pub north: Vec3,
+    /// Turn about the axis towards east [degrees]. Default 0.
+    #[serde(default)]
+    pub turn_deg: f64,
+}
+
+/// A picture in tiles along the three axes, blended where the surface turns from one to the other. It is upright on sides
+/// and not mirrored from behind.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Triplanar {
+    /// Width of a tile [m]; its height is that of the picture.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub tile: f64,
+    /// A corner of a tile [m]. Default the origin.
+    #[serde(default)]
+    pub offset: Vec3,
+    /// How abruptly one side gives way to the next: the power of the normal's parts that weigh them. Default 4.
+    #[serde(default = "sharpness")]
+    #[schemars(range(min = 1.0, max = 1000.0))]
+    pub sharpness: f64,
+}
+
+fn sharpness() -> f64 {
+    4.0
+}
+
+/// A picture laid on from one side, the same all along the rectangle's normal, repeated round it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Planar {
+    /// Where the middle of the picture is [m].
+    pub center: Vec3,
+    /// From the middle to the right edge [m].
+    pub half_u: Vec3,
+    /// From the middle to the upper edge [m]; at a right angle to `half_u`.
+    pub half_v: Vec3,
+}
+
 /// A flow along the surface of a shape, which carries its textures along (Bærentzen et al. 2025): without divergence, so that
 /// nothing is thinned out, drawn out into swirls instead.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -121,6 +202,13 @@ pub struct SurfaceFlow {
     /// How much farther each second [m/s]. Default 0.
     #[serde(default)]
     pub speed: f64,
+    /// How far things have been carried when, in place of `distance` and `speed`; times rise. Default none.
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub keys: Vec<SurfaceFlowKey>,
+    /// How the flow gets from key to key. Default smooth.
+    #[serde(default, skip_serializing_if = "is_smooth")]
+    pub interpolation: Interpolation,
     /// Steps that the way is cut into. Default 16 for each `length_scale` of the way, at least 16 and at most 4096.
     #[serde(default)]
     #[schemars(range(min = 1, max = 4096))]
@@ -144,6 +232,25 @@ pub struct SurfaceFlow {
     pub seed: u64,
 }
 
+/// How far a flow along a surface has gone at a time. Before the first key and after the last it stands still.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SurfaceFlowKey {
+    /// When [s]; frame `first` is at 0.
+    pub time: f64,
+    /// How far things have been carried [m]: the length of their ways at the root mean square speed; backwards where
+    /// negative.
+    pub distance: f64,
+    /// Size of the swirls [m]; where it changes, the pattern grows from the origin. Default that of the flow.
+    #[serde(default)]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub length_scale: Option<f64>,
+    /// Steps that the way is cut into; in between, those of both keys blend. Default that of the flow.
+    #[serde(default)]
+    #[schemars(range(min = 1, max = 4096))]
+    pub steps: Option<u32>,
+}
+
 /// How a step along a surface is taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -153,6 +260,10 @@ pub enum SurfaceIntegrator {
     /// Four evaluations a step: classical Runge–Kutta.
     #[default]
     Rk4,
+}
+
+fn is_smooth(interpolation: &Interpolation) -> bool {
+    *interpolation == Interpolation::Smooth
 }
 
 fn reprojections() -> u32 {

@@ -4,7 +4,7 @@ use crate::scene::settings::{Material, SurfaceFlow, Vec3, up, yes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A solid: exactly one of `sphere`, `box`, `capsule`, `torus`, `plane`, `mesh`.
+/// A solid: exactly one of `sphere`, `box`, `capsule`, `torus`, `plane`, `smooth_union`, `mesh`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Shape {
@@ -23,6 +23,10 @@ pub struct Shape {
     /// A half space.
     #[serde(default)]
     pub plane: Option<Plane>,
+    /// Solids that melt into one.
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smooth_union: Option<SmoothUnion>,
     /// Triangles from a file.
     #[serde(default)]
     pub mesh: Option<Mesh>,
@@ -117,6 +121,40 @@ pub struct Plane {
 
 fn plane_extent() -> f64 {
     1000.0
+}
+
+/// Solids that melt into one, without a crease where they meet (a polynomial with two continuous derivatives).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SmoothUnion {
+    /// How far along two parts that meet at a right angle the blend between them reaches [m]: they are blended where their
+    /// distances differ by less. It bulges out by at most a sixth of this where two parts meet, more where many do.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub width: f64,
+    /// What it is made of: at least two, at most 64; blended in this order, which matters a little where three meet.
+    #[schemars(length(min = 2))]
+    pub parts: Vec<Part>,
+}
+
+/// A part of a smooth union: exactly one of `sphere`, `box`, `capsule`, `torus`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// A ball.
+    #[serde(default)]
+    pub sphere: Option<Sphere>,
+    /// A box, with rounded edges if wanted.
+    #[serde(default, rename = "box")]
+    pub cuboid: Option<Cuboid>,
+    /// All points within a distance of a segment.
+    #[serde(default)]
+    pub capsule: Option<Capsule>,
+    /// A ring.
+    #[serde(default)]
+    pub torus: Option<Torus>,
+    /// Moves, turns and scales the part, before the shape's own transform.
+    #[serde(default)]
+    pub transform: Transform,
 }
 
 /// Triangles from a file.
