@@ -10,7 +10,8 @@
 pub mod math;
 pub mod progress;
 
-pub mod scene;
+/// What a scene file says: a crate of its own in `src/scene/`, which knows none of the other stages.
+pub use curlsmoke_scene as scene;
 
 pub mod geometry;
 

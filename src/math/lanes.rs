@@ -38,6 +38,9 @@ pub trait Batch: Lane {
 pub trait Kernel {
     /// What comes out.
     type Output;
+    /// Whether it is worth a copy for x86 processors with nothing better than SSE 4.2, ten years old by now. Without,
+    /// these do it one number at a time.
+    const HAS_FOUR_LANES: bool = false;
     /// Does the work; constants are made from `zero`. Mark implementations `#[inline(always)]`, or the instruction set is
     /// not used.
     fn run<L: Batch>(self, zero: L) -> Self::Output;
@@ -60,11 +63,24 @@ pub fn run_kernel<K: Kernel>(kernel: K) -> K::Output {
                 || kernel.run(Lanes::splat(simd, 0.0)),
             );
         }
-        // Every instruction set is a copy of all kernels to compile, and the scalar ones are there already.
-        kernel.run(0.0f64)
+        run_four_lanes(kernel)
     }
     #[cfg(not(target_arch = "x86_64"))]
     fearless_simd::dispatch!(level, simd => kernel.run(Lanes::splat(simd, 0.0)))
+}
+
+/// The kernel four numbers at a time, or one by one where it has no such copy or the processor not even SSE 4.2.
+#[cfg(target_arch = "x86_64")]
+pub(crate) fn run_four_lanes<K: Kernel>(kernel: K) -> K::Output {
+    if K::HAS_FOUR_LANES
+        && let Some(simd) = Level::new().as_sse4_2()
+    {
+        return simd.vectorize(
+            #[inline(always)]
+            || kernel.run(Lanes::splat(simd, 0.0)),
+        );
+    }
+    kernel.run(0.0f64)
 }
 
 impl<S: Simd> Lanes<S> {

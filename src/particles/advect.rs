@@ -55,6 +55,7 @@ struct Step<'a, 'b> {
 
 impl Kernel for Step<'_, '_> {
     type Output = u64;
+    const HAS_FOUR_LANES: bool = true;
 
     #[inline(always)]
     fn run<L: Batch>(self, zero: L) -> u64 {
@@ -276,20 +277,37 @@ mod tests {
         assert!(would_pass > 100 && corrected >= u64::from(would_pass));
     }
 
+    /// As on a processor without AVX2.
+    #[cfg(target_arch = "x86_64")]
+    fn run_narrow(step: Step) -> u64 {
+        crate::math::lanes::run_four_lanes(step)
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn run_narrow(step: Step) -> u64 {
+        run_kernel(step)
+    }
+
     #[test]
-    fn processors_without_lanes_come_to_the_same_places() {
+    fn processors_with_four_lanes_or_none_come_to_the_same_places() {
         let field = field();
         let span = field.span(0.0, 0.1);
         let axis = |a: f32| (0..500).map(|i| (i as f32 * a).sin()).collect::<Vec<f32>>();
         let mut lanes = [axis(0.7), axis(1.1), axis(1.7)];
         let mut alone = lanes.clone();
         advance(&span, CLASSICAL, 0.1, &mut lanes, 0..500, None);
-        let [x, y, z] = &mut alone;
-        let step = Step { span: &span, scheme: CLASSICAL, duration: 0.1, position: [x, y, z], phase: None };
-        assert_eq!(step.run(0.0f64), 0);
+        let mut four = alone.clone();
+        let step = |[x, y, z]: &mut Coordinates, is_scalar: bool| {
+            let step = Step { span: &span, scheme: CLASSICAL, duration: 0.1, position: [x, y, z], phase: None };
+            let corrected = if is_scalar { step.run(0.0f64) } else { run_narrow(step) };
+            assert_eq!(corrected, 0);
+        };
+        step(&mut alone, true);
+        step(&mut four, false);
         for a in 0..3 {
             assert_ne!(alone[a], [axis(0.7), axis(1.1), axis(1.7)][a]);
             assert!(lanes[a].iter().zip(&alone[a]).all(|(p, q)| (p - q).abs() < 2e-6));
+            assert!(four[a].iter().zip(&alone[a]).all(|(p, q)| (p - q).abs() < 2e-6));
         }
     }
 

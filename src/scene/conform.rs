@@ -4,13 +4,13 @@
 //! a default or the smallest legal one), so that the checks of meaning still run on the rest; `Conformed::mended` says
 //! which keys they must not judge.
 
-use crate::scene::diagnostic::{Collector, Place, listed, nearest};
-use crate::scene::schema::{
+use crate::diagnostic::{Collector, Place, listed, nearest};
+use crate::schema::{
     Variants, alternatives, decimal, expected, first_sentence, member_is_optional, required, resolve, stand_in,
     type_name, variants,
 };
-use crate::scene::tree::{Entry, Node, Value};
-use crate::scene::unit::{advice, advice_for_share, linear_of_hex, unit_of};
+use crate::tree::{Entry, Node, Value};
+use crate::unit::{advice, advice_for_share, linear_of_hex, unit_of};
 use serde_json::{Map as JsonMap, Value as Json, json};
 use std::collections::HashMap;
 

@@ -1,6 +1,6 @@
 //! How much memory a scene will need at least, known before any of it is allocated.
 
-use crate::scene::settings::{Emitter, Film, Frames};
+use crate::settings::{Emitter, Film, Frames};
 
 /// Memory of a live particle, with the copies that sorting and splatting make [bytes].
 pub const PARTICLE_BYTES: f64 = 128.0;

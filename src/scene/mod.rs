@@ -17,10 +17,10 @@ mod validate_flow;
 mod validate_material;
 mod validate_smoke;
 
-use crate::scene::conform::conform;
-use crate::scene::diagnostic::{Collector, Diagnostic, Fault, Place, Position, Severity, Source, nearest};
-use crate::scene::settings::Settings;
-use crate::scene::tree::{Node, Value};
+use crate::conform::conform;
+use crate::diagnostic::{Collector, Diagnostic, Fault, Place, Position, Severity, Source, nearest};
+use crate::settings::Settings;
+use crate::tree::{Node, Value};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;

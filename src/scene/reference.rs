@@ -1,7 +1,7 @@
 //! The reference of all keys of a scene file, written from the schema, so that it cannot disagree with the program.
 
-use crate::scene::schema::{alternatives, decimal, required, resolve, type_name};
-use crate::scene::schema_json;
+use crate::schema::{alternatives, decimal, required, resolve, type_name};
+use crate::schema_json;
 use serde_json::{Map, Value as Json};
 
 /// The source of the schema, for the one thing that the schema does not keep: the order of keys.

@@ -1,6 +1,6 @@
 //! Reads the JSON Schema that schemars makes of `settings.rs`: structs, externally tagged enums, options, lists, maps.
 
-use crate::scene::diagnostic::listed;
+use crate::diagnostic::listed;
 use serde_json::{Value as Json, json};
 
 /// The alternatives of an enum.

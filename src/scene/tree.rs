@@ -1,6 +1,6 @@
 //! YAML text as a tree in which every key and value knows its place.
 
-use crate::scene::diagnostic::{Place, Position};
+use crate::diagnostic::{Place, Position};
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_yaml::options::{DuplicateKeyPolicy, NonFiniteFloatPolicy};
 use serde_yaml::{Location, Options, Spanned};

@@ -1,6 +1,6 @@
 //! Units that people write behind numbers, and the number that a key wants instead.
 
-use crate::scene::schema::decimal;
+use crate::schema::decimal;
 use serde_json::Value as Json;
 use std::f64::consts::PI;
 

@@ -1,15 +1,15 @@
 //! What a schema cannot say: cross references, relations between keys, files that must exist, and whether the whole
 //! fits into memory. All problems are collected.
 
-use crate::scene::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
-use crate::scene::pattern::{Pattern, spell};
-use crate::scene::schema::decimal;
-use crate::scene::settings::{
+use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
+use crate::pattern::{Pattern, spell};
+use crate::schema::decimal;
+use crate::settings::{
     Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Material, Output, Part, Potential, Settings, Shape,
     Torus, Vec3,
 };
-use crate::scene::tree::Node;
-use crate::scene::{nearest_file, resolve};
+use crate::tree::Node;
+use crate::{nearest_file, resolve};
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! What a schema cannot say about the flow and about shapes that move.
 
-use crate::scene::schema::decimal;
-use crate::scene::settings::{Dfvn, Mask, Motion, Noise, NoiseForm, Potential, Shape, Vec3, VortexCurve};
-use crate::scene::validate::{Check, difference, is_parallel, length};
+use crate::schema::decimal;
+use crate::settings::{Dfvn, Mask, Motion, Noise, NoiseForm, Potential, Shape, Vec3, VortexCurve};
+use crate::validate::{Check, difference, is_parallel, length};
 use std::collections::BTreeSet;
 
 /// Least difference between two ends of a mask [m].

@@ -1,8 +1,8 @@
 //! What a schema cannot say about materials and textures.
 
-use crate::scene::schema::decimal;
-use crate::scene::settings::{FlowNoise, ImageTexture, Material, Projection, SurfaceFlow, Texture};
-use crate::scene::validate::{Check, length};
+use crate::schema::decimal;
+use crate::settings::{FlowNoise, ImageTexture, Material, Projection, SurfaceFlow, Texture};
+use crate::validate::{Check, length};
 
 impl Check<'_, '_, '_> {
     pub(crate) fn material(&mut self, key: &str, material: &Material) {

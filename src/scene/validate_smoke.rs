@@ -1,11 +1,11 @@
 //! What a schema cannot say about smoke: its sources, its kernels, its files, and whether it fits into memory.
 
-use crate::scene::diagnostic::Fault;
-use crate::scene::schema::decimal;
-use crate::scene::settings::{Emitter, Phase, Smoke};
-use crate::scene::unit::tidy;
-use crate::scene::validate::{Check, difference, length};
-use crate::scene::{footprint, resolve};
+use crate::diagnostic::Fault;
+use crate::schema::decimal;
+use crate::settings::{Emitter, Phase, Smoke};
+use crate::unit::tidy;
+use crate::validate::{Check, difference, length};
+use crate::{footprint, resolve};
 
 /// Least ratio of a kernel's reach to the edge of a voxel: below it, particles between voxel centres lose their shape.
 const KERNEL_VOXELS_MIN: f64 = 1.5;

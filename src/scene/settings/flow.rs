@@ -1,6 +1,6 @@
 //! Settings of `flow`: what moves the particles.
 
-use crate::scene::settings::{Rgb, Vec3, up};
+use crate::settings::{Rgb, Vec3, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -368,7 +368,7 @@ pub struct VortexCurve {
     /// Points of the line at time 0 [m]; at least two.
     pub points: Vec<Vec3>,
     /// From point to point in straight lines, or along a smooth curve through all. Default true: smooth.
-    #[serde(default = "crate::scene::settings::yes")]
+    #[serde(default = "crate::settings::yes")]
     pub smooth: bool,
     /// Whether it goes on from the last point to the first. Default false.
     #[serde(default)]
@@ -499,7 +499,7 @@ pub struct NoiseMask {
     #[serde(default)]
     pub low: f64,
     /// Largest value. Default 1.
-    #[serde(default = "crate::scene::settings::one")]
+    #[serde(default = "crate::settings::one")]
     pub high: f64,
     /// Which of the many patterns. Default 0; mixed with `smoke.seed`.
     #[serde(default)]
@@ -534,9 +534,9 @@ pub struct GridMask {
     /// A .vdb file; relative to the scene file.
     pub file: String,
     /// Name of its grid. Default density.
-    #[serde(default = "crate::scene::settings::density_name")]
+    #[serde(default = "crate::settings::density_name")]
     pub grid: String,
     /// Factor on its values. Default 1.
-    #[serde(default = "crate::scene::settings::one")]
+    #[serde(default = "crate::settings::one")]
     pub scale: f64,
 }

@@ -1,6 +1,6 @@
 //! Sources of light.
 
-use crate::scene::settings::{Rgb, Vec3};
+use crate::settings::{Rgb, Vec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,6 @@
 //! Materials and the textures on them.
 
-use crate::scene::settings::{Interpolation, Rgb, Vec3, up};
+use crate::settings::{Interpolation, Rgb, Vec3, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

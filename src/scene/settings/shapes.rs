@@ -1,6 +1,6 @@
 //! Solid things: shapes, their meshes, places and motions.
 
-use crate::scene::settings::{Material, SurfaceFlow, Vec3, up, yes};
+use crate::settings::{Material, SurfaceFlow, Vec3, up, yes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,6 @@
 //! The smoke: what emits it, how it is carried, and what it does to light.
 
-use crate::scene::settings::{Rgb, Vec3, density_name, one, up};
+use crate::settings::{Rgb, Vec3, density_name, one, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
