@@ -26,8 +26,8 @@ const TABLE_2: [(Integrator, u32, u32, f64, f64); 12] = [
 const LARGE: [u32; 2] = [3840, 2160];
 const SMALL: [u32; 2] = [1024, 576];
 /// Size of the swirls and length of the ways, in shorter edges.
-const LENGTH: f64 = 0.25;
-const DISTANCE: f64 = 2.0;
+const LENGTH: f64 = 0.5;
+const DISTANCE: f64 = 4.0;
 /// Frames of which the fastest is taken: those of less than a second are over before the clock settles.
 const FRAMES: u32 = 5;
 
@@ -50,7 +50,7 @@ fn image(size: [u32; 2], grey: impl Fn(f64, f64) -> f64) -> Image {
 }
 
 fn waves(size: [u32; 2]) -> Image {
-    image(size, |x, y| 0.5 + 0.5 * (80.0 * (x + 0.04 * (9.0 * y).sin())).sin())
+    image(size, |x, y| 0.5 + 0.5 * (40.0 * (x + 0.06 * (6.0 * y).sin())).sin())
 }
 
 pub fn table_2(report: &mut Report) {
@@ -108,8 +108,8 @@ pub fn table_2(report: &mut Report) {
 }
 
 pub fn figure_5(report: &mut Report) {
-    report.say("## Figure 5: those pictures\n\nFirst at 0, a tenth, a third and all of the way.\n\n");
-    for share in [0.0, 0.1, 1.0 / 3.0, 1.0] {
+    report.say("## Figure 5: those pictures\n\nFirst at 0, a twentieth, a fifth and all of the way.\n\n");
+    for share in [0.0, 0.05, 0.2, 1.0] {
         let own = Warp { distance: share * DISTANCE, ..warp(Integrator::RungeKutta, 1000, 2) };
         save(report, &format!("waves-{:.0}.png", 100.0 * share), &own.apply(&waves(SMALL)));
     }

@@ -33,13 +33,14 @@ use crate::flow::noise::RMS_SPEED;
 use crate::flow::obstacles::{Boundary, Wall, build_obstacles};
 use crate::flow::octaves::{Form, OctavesSettings, kolmogorov_gain, octaves};
 use crate::flow::pair::{Bound, Pair, Second, Turned};
+use crate::flow::reach::reach;
 use crate::flow::reproject::{Repetition, Reprojection};
 use crate::flow::simplex::Simplex;
 use crate::flow::source::{Potential, Source};
 use crate::flow::tracks::Tracks;
 use crate::flow::vortex::{Vortex, smooth_curve};
 use crate::geometry::primitive::{Cuboid, Primitive, Sphere};
-use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::geometry::sdf::PlacedSdf;
 use crate::geometry::{Geometry, Shape};
 use crate::math::hash::Seed;
 use crate::math::lattice::Lattice;
@@ -190,10 +191,8 @@ impl Builder<'_> {
         // A mesh has no distance where a scene is only looked at.
         let solid = |name: &Option<String>| self.shape(name.as_deref()?)?.sdf.clone();
         let second = solid(&dfvn.along).map_or_else(|| Second::Noise(Turned::new(noise(1))), Second::Distance);
-        let bound = solid(&dfvn.inside).map(|solid| {
-            let depth = depth(&solid).unwrap_or(f64::INFINITY);
-            Bound { width: dfvn.margin.unwrap_or(dfvn.length_scale.min(depth)), solid }
-        });
+        let bound = solid(&dfvn.inside)
+            .map(|solid| Bound { width: dfvn.margin.unwrap_or(dfvn.length_scale.min(reach(&solid, true))), solid });
         let repetition = Repetition { steps: dfvn.reprojections, tolerance: 0.0 };
         let reprojection = match dfvn.reprojection {
             settings::ReprojectionKind::LeastNorm => Reprojection::LeastNorm(repetition),
@@ -358,18 +357,6 @@ impl Builder<'_> {
             }
         })
     }
-}
-
-/// How deep the deepest point of a primitive is below its wall [m]; a mesh does not say.
-fn depth(solid: &PlacedSdf) -> Option<f64> {
-    let own = match solid.sdf() {
-        Sdf::Primitive(Primitive::Sphere(sphere)) => sphere.radius,
-        Sdf::Primitive(Primitive::Capsule(capsule)) => capsule.radius,
-        Sdf::Primitive(Primitive::Torus(torus)) => torus.minor_radius,
-        Sdf::Primitive(Primitive::Cuboid(cuboid)) => cuboid.half_size.min_element(),
-        _ => return None,
-    };
-    Some(own * f64::from(solid.placement().scale))
 }
 
 /// Half the middle extent of a solid's box [m]; 1 where it has no end.

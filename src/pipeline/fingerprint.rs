@@ -22,7 +22,10 @@ impl InputHash {
         settings.output.volume.clear();
         // That there is a preview matters, its name does not.
         settings.output.preview = settings.output.preview.map(|_| String::new());
-        settings.render.memory_limit_gib = 0.0;
+        // Nodes of flows along surfaces are made only where there is room for them.
+        if settings.shapes.values().all(|shape| shape.surface_flow.is_none()) {
+            settings.render.memory_limit_gib = 0.0;
+        }
         let mut files = Vec::new();
         for shape in settings.shapes.values() {
             files.extend(shape.mesh.as_ref().map(|m| scene.resolve(&m.file)));

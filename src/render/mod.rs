@@ -95,15 +95,17 @@ pub enum RenderError {
     },
     /// Smoke too dense for single precision.
     #[error(
-        "the smoke's density reaches {density:.3e}; times smoke.medium.extinction, {extinction:.3e}, this is an extinction \
-         of {:.3e} 1/m, at most {SIGMA_MAX:.0e} is allowed; lower smoke.medium.extinction or the mass of the emitters",
-        f64::from(*density) * extinction
+        "the smoke's density reaches {density:.3e}; times smoke.medium.{what}, {factor:.3e}, this is {:.3e}, at most \
+         {SIGMA_MAX:.0e} is allowed; lower smoke.medium.{what} or the mass of the emitters",
+        f64::from(*density) * factor
     )]
     TooDense {
         /// Largest density of the frame.
         density: f32,
-        /// Extinction coefficient of density 1 [1/m].
-        extinction: f64,
+        /// The key of the medium that it is too dense for.
+        what: &'static str,
+        /// Its value: extinction coefficient or emission of density 1 [1/m, W/(m³ sr)].
+        factor: f64,
     },
     /// The ray-tracing scene cannot be built.
     #[error(transparent)]
@@ -127,7 +129,8 @@ pub enum RenderError {
 /// Reads a picture, or says what is wrong with it: file formats are not this stage's business.
 pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<Picture, Box<dyn std::error::Error + Send + Sync>>;
 
-/// Largest extinction coefficient that light is traced through [1/m]: far beyond any matter, and far from overflow.
+/// Largest extinction coefficient and emission that light is traced through [1/m, W/(m³ sr)]: far beyond any matter, and far
+/// from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
 
 /// What the textures of a scene keep from frame to frame.
@@ -179,10 +182,9 @@ impl TextureStore {
                 return Err(RenderError::TexturesTooLarge { needed, limit });
             }
         }
-        if is_reflectance {
-            self.pictures[&image.file].check_reflects(image.scale as f32).map_err(no_light)?;
-        }
-        Ok(())
+        let (picture, scale) = (&self.pictures[&image.file], image.scale as f32);
+        if is_reflectance { picture.check_reflects(scale) } else { picture.check_glows(scale, SIGMA_MAX as f32) }
+            .map_err(no_light)
     }
 }
 
@@ -337,13 +339,16 @@ pub fn build_lights(scene: &Scene, load: LoadPicture) -> Result<Vec<Light>, Rend
 /// The smoke of a frame; `None` for a scene without any.
 ///
 /// # Errors
-/// [`RenderError::TooDense`] where density times extinction passes [`SIGMA_MAX`].
+/// [`RenderError::TooDense`] where density times extinction, or times emission, passes [`SIGMA_MAX`].
 pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Result<Option<Medium>, RenderError> {
     let Some(smoke) = &scene.settings.smoke else { return Ok(None) };
     let medium = &smoke.medium;
     let density = grid.max_density();
-    if f64::from(density) * medium.extinction > SIGMA_MAX {
-        return Err(RenderError::TooDense { density, extinction: medium.extinction });
+    let emission = medium.emission.iter().copied().fold(0.0, f64::max);
+    for (what, factor) in [("extinction", medium.extinction), ("emission", emission)] {
+        if f64::from(density) * factor > SIGMA_MAX {
+            return Err(RenderError::TooDense { density, what, factor });
+        }
     }
     let settings::Phase::HenyeyGreenstein { g } = medium.phase;
     let phase = Phase::HenyeyGreenstein { g: g as f32 };

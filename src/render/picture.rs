@@ -47,11 +47,23 @@ impl Picture {
         match self.pixels.iter().position(|p| p.max_element() * scale > 1.0) {
             None => Ok(()),
             Some(i) => Err(format!(
-                "{} times `scale` is {}: no more is reflected than comes; `scale` may be at most {:.4}",
+                "{} times `scale` is {}: no more is reflected than comes; `scale` may be at most {:.3e}",
                 self.name(i),
                 self.pixels[i] * scale,
-                1.0 / self.pixels.iter().fold(0.0, |most: f32, p| most.max(p.max_element()))
+                // Rounded up by three digits it would be too much again.
+                0.999 / self.pixels.iter().fold(0.0, |most: f32, p| most.max(p.max_element()))
             )),
+        }
+    }
+
+    /// Says which pixel, if any, glows too brightly for single precision once it is multiplied by `scale`.
+    ///
+    /// # Errors
+    /// For a pixel above `most` [W/(m² sr)].
+    pub fn check_glows(&self, scale: f32, most: f32) -> Result<(), String> {
+        match self.pixels.iter().position(|p| p.max_element() > most / scale) {
+            None => Ok(()),
+            Some(i) => Err(format!("{} times `scale` is more than {most:.0e}", self.name(i))),
         }
     }
 
@@ -135,7 +147,10 @@ mod tests {
     fn what_is_no_light_is_named() {
         let mut picture = picture();
         assert_eq!((picture.check("radiance"), picture.check_reflects(1.0)), (Ok(()), Ok(())));
-        assert!(picture.check_reflects(2.0).is_err_and(|e| e.contains("pixel (3, 2)") || e.contains("pixel")));
+        assert!(picture.check_reflects(2.0).is_err_and(|e| e.contains("pixel (3, 2)")));
+        assert_eq!(picture.check_glows(2.0, 1.2), Ok(()));
+        assert!(picture.check_glows(2.0, 1.0).is_err_and(|e| e.starts_with("pixel (3, 2)")));
+        assert_eq!(picture.check_glows(0.0, 1.0), Ok(()));
         picture.pixels[6].y = -1.0;
         assert!(picture.check("radiance").is_err_and(|e| e.starts_with("pixel (2, 1)") && e.contains("radiance")));
         picture.pixels[6].y = f32::NAN;

@@ -1,7 +1,7 @@
 //! What a schema cannot say about the flow and about shapes that move.
 
 use crate::schema::decimal;
-use crate::settings::{Dfvn, Mask, Motion, Noise, NoiseForm, Potential, Shape, Vec3, VortexCurve};
+use crate::settings::{Dfvn, Mask, Motion, Noise, NoiseForm, Part, Potential, Shape, Vec3, VortexCurve};
 use crate::validate::{Check, difference, is_parallel, length};
 use std::collections::BTreeSet;
 
@@ -18,8 +18,17 @@ fn depth(shape: &Shape) -> Option<f64> {
         .or(shape.sphere.as_ref().map(|sphere| sphere.radius))
         .or(shape.capsule.as_ref().map(|capsule| capsule.radius))
         .or(shape.torus.as_ref().map(|torus| torus.minor_radius))
-        .or(shape.cuboid.as_ref().map(|cuboid| 0.5 * cuboid.size.iter().copied().fold(f64::INFINITY, f64::min)));
+        .or(shape.smooth_union.as_ref().map(|union| union.parts.iter().map(part_depth).fold(f64::INFINITY, f64::min)));
     own.map(|depth: f64| depth * shape.transform.scale)
+}
+
+/// The same of a part of a union; a box has no place there.
+fn part_depth(part: &Part) -> f64 {
+    let own = None
+        .or(part.sphere.as_ref().map(|sphere| sphere.radius))
+        .or(part.capsule.as_ref().map(|capsule| capsule.radius))
+        .or(part.torus.as_ref().map(|torus| torus.minor_radius));
+    own.map_or(f64::INFINITY, |depth: f64| depth * part.transform.scale)
 }
 
 impl Check<'_, '_, '_> {
@@ -66,6 +75,11 @@ impl Check<'_, '_, '_> {
         }
         if shape.cuboid.as_ref().is_some_and(|cuboid| cuboid.rounding > 0.0) {
             self.error(key, key, "the box of a container must have `rounding: 0`");
+        }
+        if shape.smooth_union.as_ref().is_some_and(|union| union.parts.iter().any(|part| part.cuboid.is_some())) {
+            let message =
+                "a box among the parts: from its edges on the distance has ridges, at which the flow inside would jump";
+            self.error_help(key, key, message, "take balls, capsules and rings, or a `box` alone in `containers`");
         }
     }
 
@@ -116,7 +130,17 @@ impl Check<'_, '_, '_> {
             return;
         };
         let Some(shape) = self.settings.shapes.get(name) else { return };
-        self.holder("flow.dfvn.inside", shape, "take a closed shape, such as a `box`");
+        let key = "flow.dfvn.inside";
+        self.holder(key, shape, "take a closed shape, such as a `capsule`");
+        if shape.cuboid.is_some() {
+            let message = "a box: from its edges on the distance has ridges, at which the flow inside would jump";
+            self.error_help(
+                key,
+                key,
+                message,
+                "take a ball, a capsule, a ring or a mesh, or potentials in `containers`",
+            );
+        }
         let (Some(margin), Some(depth)) = (dfvn.margin, depth(shape)) else { return };
         if margin > depth * (1.0 + 1e-9) && self.is_sound(&format!("shapes.{name}")) {
             let depth = decimal(depth);
