@@ -374,6 +374,7 @@ pub struct WarpArguments {
         default_value = "0.5,0.5",
         value_delimiter = ',',
         allow_hyphen_values = true,
+        requires = "circle",
         verbatim_doc_comment
     )]
     pub center: Vec<f64>,
