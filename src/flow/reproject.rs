@@ -58,9 +58,22 @@ impl Trace {
     /// Where the point at `start` is after a time; backwards where that is negative.
     #[inline(always)]
     pub fn end<L: Lane, const N: usize>(&self, functions: &impl Functions<N>, start: [L; N], time: L) -> [L; N] {
+        let (targets, first) = values_and_field(functions, start);
+        self.end_knowing(functions, start, targets, first, time)
+    }
+
+    /// The same, where the values of the functions at the start and the field there are known.
+    #[inline(always)]
+    pub fn end_knowing<L: Lane, const N: usize>(
+        &self,
+        functions: &impl Functions<N>,
+        start: [L; N],
+        targets: [L; N],
+        mut first: [L; N],
+        time: L,
+    ) -> [L; N] {
         let mut p = start;
         let h = time * time.lit(1.0 / f64::from(self.steps));
-        let (targets, mut first) = values_and_field(functions, start);
         for step in 0..self.steps {
             if step > 0 {
                 first = field(functions, p);

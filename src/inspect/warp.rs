@@ -40,11 +40,16 @@ pub struct Circle {
 impl Warp {
     /// Where what is now in the middle of each pixel of a picture came from [pixels], row after row from the top left
     /// corner; the middle of the first pixel is (0.5, 0.5).
-    pub fn origins(&self, [width, height]: [u32; 2]) -> Vec<[f32; 2]> {
+    pub fn origins(&self, size: [u32; 2]) -> Vec<[f32; 2]> {
+        self.origins_of_rows(size, &(0..size[1]).collect::<Vec<_>>())
+    }
+
+    /// The same of some rows of the picture, counted from 0.
+    pub fn origins_of_rows(&self, [width, height]: [u32; 2], rows: &[u32]) -> Vec<[f32; 2]> {
         let edge = f64::from(width.min(height).max(1));
         let noise = [Simplex::new(self.length, self.seed)];
-        let mut origins = vec![[0.0; 2]; width as usize * height as usize];
-        let rows = origins.par_chunks_mut(width.max(1) as usize).enumerate().map(|(y, row)| (y as f64 + 0.5, row));
+        let mut origins = vec![[0.0; 2]; width as usize * rows.len()];
+        let rows = origins.par_chunks_mut(width.max(1) as usize).zip(rows).map(|(row, y)| (f64::from(*y) + 0.5, row));
         match &self.circle {
             Some(circle) => rows.for_each(|(y, row)| self.row_about(circle, y, edge, row)),
             None => rows.for_each(|(y, row)| run_kernel(Row { warp: self, noise: &noise, y, edge, row })),
@@ -68,21 +73,26 @@ impl Warp {
     /// pixels there.
     pub fn apply(&self, image: &Image) -> Image {
         let origins = self.origins(image.data_size);
-        let [width, height] = image.data_size.map(|n| n as usize);
         let mut warped = image.clone();
         for (channel, from) in warped.channels.iter_mut().zip(&image.channels) {
             channel.data.par_iter_mut().zip(&origins).for_each(|(value, origin)| {
-                let ([x0, x1, s], [y0, y1, t]) = (between(origin[0], width), between(origin[1], height));
-                let row = |y: f32| {
-                    let at = |x: f32| from.data[y as usize * width + x as usize];
-                    at(x0) + (at(x1) - at(x0)) * s
-                };
-                let (top, bottom) = (row(y0), row(y1));
-                *value = top + (bottom - top) * t;
+                *value = value_at(&from.data, image.data_size, *origin);
             });
         }
         warped
     }
+}
+
+/// The value of a channel at a place between four pixels [pixels]; beyond the edges that of the pixels there.
+pub fn value_at(data: &[f32], size: [u32; 2], place: [f32; 2]) -> f32 {
+    let [width, height] = size.map(|n| n as usize);
+    let ([x0, x1, s], [y0, y1, t]) = (between(place[0], width), between(place[1], height));
+    let row = |y: f32| {
+        let at = |x: f32| data[y as usize * width + x as usize];
+        at(x0) + (at(x1) - at(x0)) * s
+    };
+    let (top, bottom) = (row(y0), row(y1));
+    top + (bottom - top) * t
 }
 
 /// The two pixels whose middles are on both sides of a place, and how far it is from the first to the second.
