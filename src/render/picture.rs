@@ -44,16 +44,15 @@ impl Picture {
     /// # Errors
     /// For a pixel above 1.
     pub fn check_reflects(&self, scale: f32) -> Result<(), String> {
-        match self.pixels.iter().position(|p| p.max_element() * scale > 1.0) {
-            None => Ok(()),
-            Some(i) => Err(format!(
-                "{} times `scale` is {}: no more is reflected than comes; `scale` may be at most {:.3e}",
-                self.name(i),
-                self.pixels[i] * scale,
-                // Rounded up by three digits it would be too much again.
-                0.999 / self.pixels.iter().fold(0.0, |most: f32, p| most.max(p.max_element()))
-            )),
-        }
+        let Some(i) = self.pixels.iter().position(|p| p.max_element() * scale > 1.0) else { return Ok(()) };
+        // A little less, or what is written below might be rounded up to too much again.
+        let most = 0.999 / self.pixels.iter().fold(0.0, |most: f32, p| most.max(p.max_element()));
+        let most = if most < 0.01 { format!("{most:.3e}") } else { format!("{most:.5}") };
+        Err(format!(
+            "{} times `scale` is {}: no more is reflected than comes; `scale` may be at most {most}",
+            self.name(i),
+            self.pixels[i] * scale
+        ))
     }
 
     /// Says which pixel, if any, glows too brightly for single precision once it is multiplied by `scale`.
