@@ -82,8 +82,8 @@ Where they differ, and what was not said in the paper:
   0.1 in all dimensions: only so do its medians and least distances of jitter come out. Ours are for the same lattices.
 - The length of noise and the constant of the step were not published; ours are in `src/points/jitter.rs`. Every step lowers the
   lattice's own median, which is the lattice's distance: in three and four dimensions ours is about the longest that still
-  reaches what was published. From six dimensions on simplex noise is nearly zero in many places, so that half of the points
-  hardly move whatever the step: medians so close to the lattice's distance leave no other way.
+  reaches what was published. From six dimensions on simplex noise is nearly zero in many places, so that many points
+  hardly move: the median is all but the lattice's.
 - Of the 1000 points in three dimensions, medians are means of eight sets.
 - Poisson disks stop at the lattice's number of points; ours are never closer than the radius, where those published are
   from five dimensions on.

@@ -122,9 +122,9 @@ mod tests {
 
     #[test]
     fn a_ramp_drives_across_the_slope_as_fast_as_it_is_steep() {
-        let still = FromFn(|_: [f64; 3]| Slope { value: 0.0, gradient: [0.0; 3] });
         for (x, y) in [(0.5, 0.0), (0.3, -0.4), (0.0, 2.0)] {
-            let lifted = Lifted { field: Ramped { inner: FromFn(|p| still.0(p)), slope: 3.0 }, height: plane(x, y) };
+            let still = FromFn(|_: [f64; 3]| Slope { value: 0.0, gradient: [0.0; 3] });
+            let lifted = Lifted { field: Ramped { inner: still, slope: 3.0 }, height: plane(x, y) };
             let [u, v, w] = field(&lifted, [1.0, 2.0, x + 2.0 * y]);
             assert!((u * x + v * y).abs() < 1e-14 && w.abs() < 1e-14);
             assert!((u.hypot(v) - 3.0 * f64::hypot(x, y)).abs() < 1e-13);

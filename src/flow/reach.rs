@@ -25,9 +25,7 @@ pub fn reach(solid: &PlacedSdf, is_container: bool) -> f64 {
             let bulge = if is_container { 0.0 } else { deepest(union.parts().len(), union.width()) };
             let parts = union.parts().iter().map(|part| reach(part, is_container) - bulge);
             let own = scale * parts.fold(f64::INFINITY, f64::min);
-            let has_normal = has_smooth_normal(solid, is_container);
-            let own = if has_normal { own.min(stillness(solid, union, is_container)) } else { own };
-            own.max(1e-6 * scale)
+            smoothness(solid, is_container).map_or(own, |still| own.min(still)).max(1e-6 * scale)
         }
         Sdf::Mesh(_) => f64::INFINITY,
     }
@@ -50,14 +48,21 @@ fn primitive_reach(primitive: &Primitive, is_container: bool) -> f64 {
 /// That of a union turns too fast where its blend is narrow, and where its gradient vanishes close to the wall, as in
 /// the neck of a vessel of two balls.
 pub fn has_smooth_normal(solid: &PlacedSdf, is_container: bool) -> bool {
+    smoothness(solid, is_container).is_some()
+}
+
+/// Of a solid with a smooth normal, the distance from the wall at which its gradient first all but vanishes [m].
+fn smoothness(solid: &PlacedSdf, is_container: bool) -> Option<f64> {
     match solid.sdf() {
-        Sdf::Primitive(Primitive::Sphere(_) | Primitive::Torus(_) | Primitive::HalfSpace(_)) => true,
-        Sdf::Primitive(Primitive::Cuboid(_) | Primitive::Capsule(_)) | Sdf::Mesh(_) => false,
+        Sdf::Primitive(Primitive::Sphere(_) | Primitive::Torus(_) | Primitive::HalfSpace(_)) => Some(f64::INFINITY),
+        Sdf::Primitive(Primitive::Cuboid(_) | Primitive::Capsule(_)) | Sdf::Mesh(_) => None,
         Sdf::SmoothUnion(union) => {
             let width = union.width() * f64::from(solid.placement().scale);
-            width >= BLEND_MIN * 2.0 * f64::from(solid.bounding_radius())
-                && union.parts().iter().all(|part| has_smooth_normal(part, is_container))
-                && stillness(solid, union, is_container) >= STILL_MIN * width
+            let is_wide = width >= BLEND_MIN * 2.0 * f64::from(solid.bounding_radius());
+            if !is_wide || !union.parts().iter().all(|part| has_smooth_normal(part, is_container)) {
+                return None;
+            }
+            Some(stillness(solid, union, is_container)).filter(|still| *still >= STILL_MIN * width)
         }
     }
 }

@@ -51,12 +51,12 @@ pub struct Dfvn {
     /// Which of the many patterns. Default 0; mixed with `smoke.seed`.
     #[serde(default)]
     pub seed: u64,
-    /// Name of a closed shape that the flow stays inside of: near its wall, f is blended with the distance to it (equation
-    /// 13). It must be at rest. Default none.
+    /// Name of a closed shape that the flow stays inside of, not a box: near its wall, f is blended with the distance to it
+    /// (equation 13). It must be at rest. Default none.
     #[serde(default)]
     pub inside: Option<String>,
-    /// Depth below the wall of `inside` over which that is done [m]: at most that of the shape's deepest points. Default
-    /// `length_scale`, or the depth of a primitive where that is less.
+    /// Depth below the wall of `inside` over which that is done [m]: at most that of the shape's deepest points, of a union
+    /// that of its shallowest part. Default `length_scale`, or that depth where it is less.
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub margin: Option<f64>,
