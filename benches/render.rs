@@ -7,12 +7,13 @@ use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::render::environment::Environment;
 use curlsmoke::render::film::PathCounts;
-use curlsmoke::render::integrator::{Integrator, PathLimits, World};
+use curlsmoke::render::integrator::{Integrator, PathLimits};
 use curlsmoke::render::light::Light;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::phase::Phase;
 use curlsmoke::render::sampler::Sampler;
 use curlsmoke::render::tracking::{estimate_transmittance, sample_collision};
+use curlsmoke::render::world::World;
 use glam::{UVec3, Vec3};
 use std::hint::black_box;
 

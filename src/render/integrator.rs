@@ -6,32 +6,22 @@
 //! every light that a path meets by itself counts with the complementary weight. What smoke itself gives off is collected
 //! along every flight.
 
-use crate::geometry::embree::{Hit, Ray, TraceScene};
-use crate::math::space::{UnitVec3, WorldPoint};
+use crate::geometry::embree::{Hit, Ray};
+use crate::math::space::UnitVec3;
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
-use crate::render::material::{Bsdf, Material};
+use crate::render::material::Bsdf;
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::tracking::{Event, estimate_transmittance, sample_collision};
+use crate::render::vertex::Vertex;
+use crate::render::world::World;
 use glam::Vec3;
 
 /// How far before a surface smoke ends, relative to the coordinates involved: some rounding errors of a point on a ray.
 const CLEARANCE: f32 = 16.0 * f32::EPSILON;
-
-/// Everything that light meets, but for the smoke, which changes from frame to frame.
-pub struct World {
-    /// Surfaces.
-    pub surfaces: TraceScene,
-    /// Material of each shape, by shape index.
-    pub materials: Vec<Material>,
-    /// Light sources.
-    pub lights: Vec<Light>,
-    /// Running sums of the probability of choosing each light for a direct connection.
-    choice: Vec<f32>,
-}
 
 /// When paths end without having left the scene.
 #[derive(Debug, Clone, Copy)]
@@ -50,65 +40,6 @@ pub struct Integrator<'a> {
     pub medium: Option<&'a Medium>,
     /// When paths end.
     pub limits: PathLimits,
-}
-
-/// A place where light changes direction.
-enum Vertex<'a> {
-    Smoke { point: WorldPoint, medium: &'a Medium, before: UnitVec3 },
-    Surface { hit: Hit, before: UnitVec3, normal: UnitVec3, bsdf: Bsdf },
-}
-
-/// A direction to go on along, with its density [1/sr] and the throughput's factor.
-struct Scattering {
-    direction: UnitVec3,
-    pdf: f32,
-    weight: Rgb,
-}
-
-impl World {
-    /// Puts surfaces and lights together; `center` is the middle of what is lit, from which lights are weighed.
-    pub fn new(surfaces: TraceScene, materials: Vec<Material>, lights: Vec<Light>, center: WorldPoint) -> Self {
-        let shares: Vec<f32> = lights
-            .iter()
-            .map(|l| if l.is_worth_sampling() { l.rough_irradiance(center).sqrt() } else { 0.0 })
-            .collect();
-        let total: f32 = shares.iter().sum();
-        let mut sum = 0.0;
-        let choice = shares
-            .iter()
-            .map(|share| {
-                sum += if total > 0.0 { share / total } else { 0.0 };
-                sum
-            })
-            .collect();
-        Self { surfaces, materials, lights, choice }
-    }
-
-    /// The light chosen by the uniform number `u`.
-    fn choose_light(&self, u: f32) -> Option<usize> {
-        let last = *self.choice.last()?;
-        (last > 0.0).then(|| self.choice.partition_point(|&c| c <= u * last).min(self.choice.len() - 1))
-    }
-
-    /// Probability of choosing light `i`.
-    fn pmf(&self, i: usize) -> f32 {
-        self.choice[i] - if i == 0 { 0.0 } else { self.choice[i - 1] }
-    }
-
-    /// The nearest light that the ray meets before `t_max`, its density times its probability.
-    fn nearest_light(&self, ray: &Ray, t_max: f32) -> Option<(f32, Rgb, f32)> {
-        let hits = self.lights.iter().enumerate().filter_map(|(i, light)| Some((i, light.intersect(ray)?)));
-        hits.filter(|(_, hit)| hit.t < t_max)
-            .min_by(|a, b| a.1.t.total_cmp(&b.1.t))
-            .map(|(i, hit)| (hit.t, hit.radiance, hit.pdf * self.pmf(i)))
-    }
-
-    /// Whether a surface or a light other than number `target` is in the way.
-    fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
-        let behind_light =
-            |(i, light): (usize, &Light)| i != target && light.intersect(ray).is_some_and(|h| h.t < t_max);
-        self.surfaces.is_occluded(ray, 0.0, t_max) || self.lights.iter().enumerate().any(behind_light)
-    }
 }
 
 impl<'a> Integrator<'a> {
@@ -235,68 +166,6 @@ impl<'a> Integrator<'a> {
             return 0.0;
         }
         self.medium.map_or(1.0, |medium| estimate_transmittance(medium, &ray, sample.distance, sampler.stream()))
-    }
-}
-
-impl Vertex<'_> {
-    fn point(&self) -> WorldPoint {
-        match self {
-            Vertex::Smoke { point, .. } => *point,
-            Vertex::Surface { hit, .. } => hit.position,
-        }
-    }
-
-    /// Where a ray starts that leaves along `direction`.
-    fn leave(&self, direction: UnitVec3) -> WorldPoint {
-        match self {
-            Vertex::Smoke { point, .. } => *point,
-            Vertex::Surface { hit, .. } => hit.offset_origin(direction),
-        }
-    }
-
-    /// Scattering towards `direction`: albedo times phase function [1/sr], or scattering function times cosine.
-    fn value(&self, direction: UnitVec3) -> Rgb {
-        match self {
-            Vertex::Smoke { medium, before, .. } => medium.albedo * medium.phase.value(*before, direction),
-            Vertex::Surface { hit, before, normal, bsdf } => {
-                // Shading normals must not let light through the surface.
-                let same_side = hit.normal.dot(*direction) * hit.normal.dot(**before) < 0.0;
-                if same_side { bsdf.value(*normal, direction) } else { Vec3::ZERO }
-            }
-        }
-    }
-
-    fn pdf(&self, direction: UnitVec3) -> f32 {
-        match self {
-            Vertex::Smoke { medium, before, .. } => medium.phase.value(*before, direction),
-            Vertex::Surface { normal, bsdf, .. } => bsdf.pdf(*normal, direction),
-        }
-    }
-
-    fn sample(&self, u: [f32; 2]) -> Scattering {
-        match self {
-            Vertex::Smoke { medium, before, .. } => {
-                let s = medium.phase.sample(*before, u);
-                Scattering { direction: s.direction, pdf: s.pdf, weight: medium.albedo }
-            }
-            Vertex::Surface { hit, before, normal, bsdf } => {
-                let s = bsdf.sample(*normal, u);
-                let same_side = hit.normal.dot(*s.direction) * hit.normal.dot(**before) < 0.0;
-                let weight = if same_side { s.weight } else { Vec3::ZERO };
-                Scattering { direction: s.direction, pdf: s.pdf, weight }
-            }
-        }
-    }
-
-    /// Notes the first event for the further layers.
-    fn describe(&self, out: &mut Contribution) {
-        match self {
-            Vertex::Smoke { medium, .. } => out.albedo = medium.albedo,
-            Vertex::Surface { normal, bsdf, .. } => {
-                out.normal = normal.as_vec3();
-                out.albedo = bsdf.albedo();
-            }
-        }
     }
 }
 

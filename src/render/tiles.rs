@@ -7,9 +7,10 @@ use crate::render::RenderError;
 use crate::render::camera::Camera;
 use crate::render::film::{Film, PathCounts, Pixel, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
-use crate::render::integrator::{Integrator, PathLimits, World};
+use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
+use crate::render::world::World;
 use glam::Vec2;
 use rayon::prelude::*;
 

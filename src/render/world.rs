@@ -1,0 +1,65 @@
+//! Everything that light meets but smoke: surfaces, materials and lights, and which light is asked for a connection.
+
+use crate::geometry::embree::{Ray, TraceScene};
+use crate::math::space::WorldPoint;
+use crate::render::color::Rgb;
+use crate::render::light::Light;
+use crate::render::material::Material;
+
+/// Everything that light meets, but for the smoke, which changes from frame to frame.
+pub struct World {
+    /// Surfaces.
+    pub surfaces: TraceScene,
+    /// Material of each shape, by shape index.
+    pub materials: Vec<Material>,
+    /// Light sources.
+    pub lights: Vec<Light>,
+    /// Running sums of the probability of choosing each light for a direct connection.
+    choice: Vec<f32>,
+}
+
+impl World {
+    /// Puts surfaces and lights together; `center` is the middle of what is lit, from which lights are weighed.
+    pub fn new(surfaces: TraceScene, materials: Vec<Material>, lights: Vec<Light>, center: WorldPoint) -> Self {
+        let shares: Vec<f32> = lights
+            .iter()
+            .map(|l| if l.is_worth_sampling() { l.rough_irradiance(center).sqrt() } else { 0.0 })
+            .collect();
+        let total: f32 = shares.iter().sum();
+        let mut sum = 0.0;
+        let choice = shares
+            .iter()
+            .map(|share| {
+                sum += if total > 0.0 { share / total } else { 0.0 };
+                sum
+            })
+            .collect();
+        Self { surfaces, materials, lights, choice }
+    }
+
+    /// The light chosen by the uniform number `u`.
+    pub fn choose_light(&self, u: f32) -> Option<usize> {
+        let last = *self.choice.last()?;
+        (last > 0.0).then(|| self.choice.partition_point(|&c| c <= u * last).min(self.choice.len() - 1))
+    }
+
+    /// Probability of choosing light `i`.
+    pub fn pmf(&self, i: usize) -> f32 {
+        self.choice[i] - if i == 0 { 0.0 } else { self.choice[i - 1] }
+    }
+
+    /// The nearest light that the ray meets before `t_max`, its density times its probability.
+    pub fn nearest_light(&self, ray: &Ray, t_max: f32) -> Option<(f32, Rgb, f32)> {
+        let hits = self.lights.iter().enumerate().filter_map(|(i, light)| Some((i, light.intersect(ray)?)));
+        hits.filter(|(_, hit)| hit.t < t_max)
+            .min_by(|a, b| a.1.t.total_cmp(&b.1.t))
+            .map(|(i, hit)| (hit.t, hit.radiance, hit.pdf * self.pmf(i)))
+    }
+
+    /// Whether a surface or a light other than number `target` is in the way.
+    pub fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
+        let behind_light =
+            |(i, light): (usize, &Light)| i != target && light.intersect(ray).is_some_and(|h| h.t < t_max);
+        self.surfaces.is_occluded(ray, 0.0, t_max) || self.lights.iter().enumerate().any(behind_light)
+    }
+}
