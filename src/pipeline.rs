@@ -9,7 +9,7 @@ use crate::flow::Flow;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::vdb;
 use crate::inspect::Inspection;
-use crate::output::film_image::{Layers, Origin, image_of_film};
+use crate::output::film_image::{Origin, image_of_film};
 use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
 use crate::output::sidecar::{self, Sidecar, sidecar_path};
@@ -25,7 +25,6 @@ use crate::render::picture::Picture;
 use crate::render::world::World;
 use crate::render::{self, RenderError, TextureStore, tiles};
 use crate::scene::pattern::Pattern;
-use crate::scene::settings::Aov;
 use crate::scene::{Scene, footprint, settings};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -394,7 +393,7 @@ fn write_frame(
     progress.begin(Stage::Write, 0);
     let preview =
         files.preview(record.frame).map(|path| Ok::<_, Error>((path, encode_preview(&film, &settings.output)?)));
-    let image = image_of_film(&film, layers(&settings.output.aovs), SampleKind::Half, &origin);
+    let image = image_of_film(&film, SampleKind::Half, &origin);
     // The picture takes as much again, and the encoder more.
     drop(film);
     written.push((files.image(record.frame), exr::write(&image, settings.output.compression.into())?));
@@ -429,7 +428,7 @@ fn memory_limit(scene: &Scene) -> u64 {
 
 /// Memory that the grid of a frame may take beside the picture and `particle_count` particles [bytes].
 fn grid_memory_limit(scene: &Scene, particle_count: usize) -> u64 {
-    let others = footprint::film_bytes(&scene.settings.film) + particle_count as f64 * footprint::PARTICLE_BYTES;
+    let others = footprint::film_bytes(&scene.settings) + particle_count as f64 * footprint::PARTICLE_BYTES;
     memory_limit(scene).saturating_sub(others as u64)
 }
 
@@ -442,15 +441,6 @@ fn load_picture(path: &Path, memory_limit: u64) -> Result<Picture, OutputError> 
     })?;
     let [width, height] = image.data_size.map(|n| n as usize);
     Ok(Picture { width, height, pixels: rgb.into_iter().map(glam::Vec3::from).collect() })
-}
-
-fn layers(aovs: &[Aov]) -> Layers {
-    Layers {
-        depth: aovs.contains(&Aov::Depth),
-        normal: aovs.contains(&Aov::Normal),
-        albedo: aovs.contains(&Aov::Albedo),
-        variance: aovs.contains(&Aov::Variance),
-    }
 }
 
 /// Runs one stage with its progress and notes its time.

@@ -312,7 +312,7 @@ lights: [{environment: {radiance: [1, 1, 1]}}]
     let camera = render::build_view(&stage.scene, 1, None).camera;
     let expected = |i: usize| {
         let pixel = glam::Vec2::new((i % 24) as f32 + 0.5, (i / 24) as f32 + 0.5);
-        let beam = Ray { origin: camera.position(), direction: camera.direction(pixel) };
+        let beam = camera.ray(pixel, [0.5, 0.5]);
         let Some(hit) = stage.world.surfaces.intersect(&beam, 0.0, f32::INFINITY) else {
             return f64::from(sky.radiance(beam.direction).x);
         };

@@ -5,7 +5,7 @@
 use curlsmoke::output::agreement::StatisticalSettings;
 use curlsmoke::output::compare::{Mode, Report, compare};
 use curlsmoke::output::exr::{Compression, write};
-use curlsmoke::output::film_image::{Layers, Origin, image_of_film};
+use curlsmoke::output::film_image::{Origin, image_of_film};
 use curlsmoke::output::image::{Attribute, Image, SampleKind};
 use curlsmoke::output::{file::write_atomic, heat_map, read_image};
 use curlsmoke::pipeline;
@@ -29,13 +29,14 @@ fn picture(name: &str, spp: Option<u32>, seed: u64, overrides: &[(&str, &str)]) 
     if own.smoke.is_some() {
         all.push(("smoke.seed".into(), own.smoke_seed().to_string()));
     }
+    all.push(("output.aovs".into(), "[variance]".into()));
     all.push(("render.seed".into(), seed.to_string()));
     all.push(("film.spp".into(), spp.unwrap_or(own.film.spp).to_string()));
     let scene = Scene::load_with(&path, &all).unwrap_or_else(|e| panic!("{e}"));
     let film = pipeline::film(&scene, 1, None, &Silent).unwrap_or_else(|e| panic!("{e}"));
     let camera = render::build_view(&scene, 1, None).camera;
     let origin = Origin { scene_hash: String::new(), seed, frame: 1, fps: 24.0, shutter: [0.0; 2], camera };
-    image_of_film(&film, Layers { variance: true, ..Layers::default() }, SampleKind::Float, &origin)
+    image_of_film(&film, SampleKind::Float, &origin)
 }
 
 fn root() -> PathBuf {

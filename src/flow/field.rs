@@ -178,12 +178,6 @@ impl FieldSpan<'_> {
         for source in &self.sources {
             let psi = source.carried_psi(p, phase, &mut drift);
             let mut first = 0;
-            if near.obstacle(first).is_none() {
-                // No copy of what no wall bends.
-                let v = source.velocity(&psi, &psi);
-                velocity = triple!(i => velocity[i] + v[i]);
-                continue;
-            }
             let mut kept = psi;
             while let Some(obstacle_idx) = near.obstacle(first) {
                 let influence = source.walls[obstacle_idx].influence;

@@ -2,20 +2,8 @@
 
 use crate::output::image::{Attribute, Image, SampleKind};
 use crate::render::camera::Camera;
-use crate::render::film::{Film, Pixel};
-
-/// Which further layers a picture carries.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Layers {
-    /// Channel `Z`: distance along the view axis to the first surface [m].
-    pub depth: bool,
-    /// Channels `N.X`, `N.Y`, `N.Z`: normal of the first surface.
-    pub normal: bool,
-    /// Channels `albedo.R`, `.G`, `.B`: colour of the first surface or smoke.
-    pub albedo: bool,
-    /// Channels `variance.R`, `.G`, `.B`: variance of the mean.
-    pub variance: bool,
-}
+use crate::render::film::Film;
+use crate::render::layers::Precision;
 
 /// What a picture says of its making. Nothing of it depends on the machine or the hour.
 #[derive(Debug, Clone)]
@@ -34,24 +22,23 @@ pub struct Origin {
     pub camera: Camera,
 }
 
-/// The film as a picture: `R G B A` first, in half precision unless `kind` says otherwise, then the layers asked for.
-pub fn image_of_film(film: &Film, layers: Layers, kind: SampleKind, origin: &Origin) -> Image {
+/// The film as a picture: `R G B A` first, in half precision unless `kind` says otherwise, then its layers.
+pub fn image_of_film(film: &Film, kind: SampleKind, origin: &Origin) -> Image {
     let b = film.bounds;
     let mut image = Image::cropped(film.resolution, [b.x0, b.y0, b.x1, b.y1]);
-    let rgb = |f: fn(&Pixel) -> glam::Vec3| film.pixels.iter().map(|p| f(p).to_array()).collect::<Vec<_>>();
-    image.push_rgb("", kind, &rgb(|p| p.mean));
+    image.push_rgb("", kind, &film.pixels.iter().map(|p| p.mean.to_array()).collect::<Vec<_>>());
     image.push("A", kind, film.pixels.iter().map(|p| p.alpha).collect());
-    if layers.depth {
-        image.push("Z", SampleKind::Float, film.pixels.iter().map(|p| p.depth).collect());
-    }
-    if layers.normal {
-        image.push_xyz("N", SampleKind::Float, &rgb(|p| p.normal));
-    }
-    if layers.albedo {
-        image.push_rgb("albedo", kind, &rgb(|p| p.albedo));
-    }
-    if layers.variance {
-        image.push_rgb("variance", SampleKind::Float, &rgb(|p| p.variance));
+    let channels: Vec<(String, SampleKind)> = film
+        .layers
+        .iter()
+        .flat_map(|layer| {
+            let kind = if layer.precision() == Precision::Color { kind } else { SampleKind::Float };
+            layer.channels().into_iter().map(move |name| (name, kind))
+        })
+        .collect();
+    let stride = channels.len();
+    for (i, (name, kind)) in channels.into_iter().enumerate() {
+        image.push(name, kind, film.layer_data.iter().skip(i).step_by(stride).copied().collect());
     }
     describe(&mut image, film, origin);
     image
@@ -69,6 +56,8 @@ fn describe(image: &mut Image, film: &Film, origin: &Origin) {
     // The name of linear light of Rec. 709 primaries among the colour spaces of the Color Interop Forum.
     image.set_attribute("colorInteropID", text("lin_rec709_scene"));
     image.set_attribute("worldToCamera", Attribute::Matrix(origin.camera.world_to_camera()));
-    image.set_attribute("worldToNDC", Attribute::Matrix(origin.camera.world_to_ndc()));
+    if let Some(matrix) = origin.camera.world_to_ndc() {
+        image.set_attribute("worldToNDC", Attribute::Matrix(matrix));
+    }
     image.set_attribute("framesPerSecond", Attribute::Rational((origin.fps * 1000.0).round() as i32, 1000));
 }

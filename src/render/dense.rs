@@ -5,9 +5,11 @@
 //! of the voxels crossed, whatever the density; delta tracking would take as many steps as the bound is optical depths
 //! thick, and smoke that is thick in one voxel and absent in the next would hold it for ever.
 
+use crate::geometry::embree::Ray;
 use crate::grid::lookup::IndexRay;
 use crate::render::medium::Medium;
 use glam::DVec3;
+use std::f64::consts::LN_2;
 
 /// What becomes of a flight over a piece of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +38,48 @@ pub fn cross(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2], tau_left: f64
 pub fn column(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2]) -> f64 {
     let density = |t: f64| f64::from(medium.density(line.at(t as f32)));
     VoxelWalk::new(line, t0, t1).map(|[a, b]| integral(density, a, b)).sum()
+}
+
+/// What smoke does to the view along a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewThrough {
+    /// Distance at which smoke begins [m]; infinite where there is none.
+    pub first: f64,
+    /// Mean distance at which it stops the view, to a voxel [m]; infinite where it stops nothing.
+    pub mean: f64,
+    /// Distance at which it has stopped half of the view [m]; infinite where it does not.
+    pub half: f64,
+    /// Share of the view that it does not stop.
+    pub transmittance: f64,
+}
+
+/// Optical depth behind which nothing is seen any more.
+const OPAQUE: f64 = 60.0;
+
+/// Looks through smoke along the ray up to distance `end` [m].
+pub fn view_through(medium: &Medium, ray: &Ray, end: f32) -> ViewThrough {
+    let line = medium.ray_to_index(ray);
+    let (mut first, mut half, mut stopped_at, mut tau) = (f64::INFINITY, f64::INFINITY, 0.0, 0.0);
+    let pieces = medium.majorants(ray, end).filter(|piece| piece.density_max > 0.0);
+    let voxels = pieces.flat_map(|piece| VoxelWalk::new(&line, f64::from(piece.t0), f64::from(piece.t1)));
+    for [a, b] in voxels {
+        let depth = optical_depth(medium, &line, a, b);
+        if depth <= 0.0 {
+            continue;
+        }
+        first = first.min(a);
+        if half == f64::INFINITY && tau + depth >= LN_2 {
+            half = collision(medium, &line, [a, b], LN_2 - tau);
+        }
+        stopped_at += (-tau).exp() * -(-depth).exp_m1() * 0.5 * (a + b);
+        tau += depth;
+        if tau > OPAQUE {
+            break;
+        }
+    }
+    let stopped = -(-tau).exp_m1();
+    let mean = if stopped > 0.0 { stopped_at / stopped } else { f64::INFINITY };
+    ViewThrough { first, mean, half, transmittance: (-tau).exp() }
 }
 
 /// Optical depth between two distances within one voxel.
@@ -117,7 +161,6 @@ impl Iterator for VoxelWalk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::embree::Ray;
     use crate::grid::DensityGrid;
     use crate::math::hash::{CounterRng, Seed};
     use crate::math::space::{UnitVec3, WorldPoint};

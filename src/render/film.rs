@@ -1,7 +1,9 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
 use crate::render::color::Rgb;
-use glam::Vec3;
+use crate::render::layers::{Layer, LayerSums, Middle};
+use crate::render::light_path::{FirstEvent, GROUP_MAX, Passage};
+use glam::{DVec3, Vec3};
 
 /// A rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,12 +49,6 @@ pub struct Pixel {
     pub variance: Rgb,
     /// Share of the pixel that is not background.
     pub alpha: f32,
-    /// Mean normal of the first surface; zero where there is none.
-    pub normal: Vec3,
-    /// Mean colour of the first surface or smoke.
-    pub albedo: Rgb,
-    /// Distance along the view axis to the first surface through the pixel's middle [m]; infinite where there is none.
-    pub depth: f32,
 }
 
 /// What one path brings to its pixel.
@@ -62,47 +58,131 @@ pub struct Contribution {
     pub radiance: Rgb,
     /// 1 where the path met something, 0 where it met the background.
     pub alpha: f32,
+    /// What the camera's ray met first.
+    pub first: FirstEvent,
     /// Normal of the first surface, or zero.
     pub normal: Vec3,
     /// Colour of the first surface or smoke, or zero.
     pub albedo: Rgb,
+    /// Scatterings.
+    pub bounces: u32,
+    /// Radiance by the way it came; adds to `radiance`.
+    pub by_passage: [Rgb; Passage::ALL.len()],
+    /// Radiance by groups of sources; adds to `radiance`.
+    pub by_group: [Rgb; GROUP_MAX],
 }
 
-/// Running moments of one pixel (Welford 1962), in f64 so that millions of samples do not stall.
+impl Contribution {
+    /// Adds light of a group of sources that came to the camera by `passage`.
+    #[inline]
+    pub fn add(&mut self, light: Rgb, passage: Passage, group: usize) {
+        self.radiance += light;
+        self.by_passage[passage as usize] += light;
+        self.by_group[group] += light;
+    }
+
+    /// Adds light that was scattered so many times.
+    #[inline]
+    pub fn add_scattered(&mut self, light: Rgb, scatterings: u32, group: usize) {
+        self.add(light, Passage::scattered(self.first, scatterings), group);
+    }
+}
+
+/// Running moments of radiance (Welford 1962), in f64 so that millions of samples do not stall.
 #[derive(Debug, Clone, Default)]
-pub struct PixelSum {
+pub struct Moments {
     count: u32,
-    mean: glam::DVec3,
-    squares: glam::DVec3,
-    alpha: f64,
-    normal: glam::DVec3,
-    albedo: glam::DVec3,
+    mean: DVec3,
+    squares: DVec3,
 }
 
-impl PixelSum {
-    /// Adds one path.
-    pub fn add(&mut self, c: &Contribution) {
+impl Moments {
+    fn add(&mut self, radiance: Rgb) {
         self.count += 1;
-        let x = c.radiance.as_dvec3();
+        let x = radiance.as_dvec3();
         let delta = x - self.mean;
         self.mean += delta / f64::from(self.count);
         self.squares += delta * (x - self.mean);
-        self.alpha += f64::from(c.alpha);
-        self.normal += c.normal.as_dvec3();
-        self.albedo += c.albedo.as_dvec3();
     }
 
-    /// The pixel after all its paths; with one path the variance is unknown and stands as infinite.
-    pub fn finish(&self, depth: f32) -> Pixel {
-        let n = f64::from(self.count.max(1));
-        let variance = if self.count > 1 { self.squares / (n * (n - 1.0)) } else { glam::DVec3::INFINITY };
+    /// Paths.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Mean radiance.
+    pub fn mean(&self) -> Rgb {
+        self.mean.as_vec3()
+    }
+
+    /// Estimated variance of the mean; with one path it is unknown and stands as infinite.
+    pub fn variance_of_mean(&self) -> Rgb {
+        self.variance_in_double().as_vec3()
+    }
+
+    fn variance_in_double(&self) -> DVec3 {
+        let n = f64::from(self.count);
+        if self.count > 1 { self.squares / (n * (n - 1.0)) } else { DVec3::INFINITY }
+    }
+}
+
+/// What the paths of one pixel add up to.
+#[derive(Debug, Clone)]
+pub struct PixelSum {
+    moments: Moments,
+    alpha: f64,
+    layers: LayerSums,
+}
+
+impl PixelSum {
+    /// Nothing yet.
+    pub fn new(layers: &[Layer]) -> Self {
+        Self { moments: Moments::default(), alpha: 0.0, layers: LayerSums::new(layers) }
+    }
+
+    /// Adds one path; `layers` are those that it was made with.
+    pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
+        self.moments.add(path.radiance);
+        self.alpha += f64::from(path.alpha);
+        self.layers.add(layers, path);
+    }
+
+    /// Two halves of a pixel, each counting half however many paths it has.
+    pub fn of_halves(a: &Self, b: &Self) -> Self {
+        let count = a.moments.count + b.moments.count;
+        let n = f64::from(count);
+        let variance = 0.25 * (a.moments.variance_in_double() + b.moments.variance_in_double());
+        let [na, nb] = [a, b].map(|half| f64::from(half.moments.count));
+        Self {
+            moments: Moments {
+                count,
+                mean: 0.5 * (a.moments.mean + b.moments.mean),
+                squares: variance * n * (n - 1.0),
+            },
+            alpha: 0.5 * n * (a.alpha / na + b.alpha / nb),
+            layers: LayerSums::of_halves([&a.layers, &b.layers], [0.5 * n / na, 0.5 * n / nb]),
+        }
+    }
+
+    /// Moments of the radiance.
+    pub fn moments(&self) -> &Moments {
+        &self.moments
+    }
+
+    /// The pixel after all its paths.
+    pub fn finish(&self) -> Pixel {
         Pixel {
-            mean: self.mean.as_vec3(),
-            variance: variance.as_vec3(),
-            alpha: (self.alpha / n) as f32,
-            normal: (self.normal / n).as_vec3(),
-            albedo: (self.albedo / n).as_vec3(),
-            depth,
+            mean: self.moments.mean(),
+            variance: self.moments.variance_of_mean(),
+            alpha: (self.alpha / f64::from(self.moments.count.max(1))) as f32,
+        }
+    }
+
+    /// The numbers of the further layers, channel after channel, at the end of `out`.
+    pub fn finish_layers(&self, layers: &[Layer], middle: Option<&Middle>, out: &mut Vec<f32>) {
+        for (layer, mean) in layers.iter().zip(self.layers.means(self.moments.count)) {
+            let values = layer.finish(mean, &self.moments, middle);
+            out.extend(values.to_array().into_iter().take(layer.channels().len()));
         }
     }
 }
@@ -116,7 +196,11 @@ pub struct Film {
     pub bounds: PixelBounds,
     /// The pixels of that part, top row first.
     pub pixels: Vec<Pixel>,
-    /// Paths a pixel.
+    /// The further layers that it has.
+    pub layers: Vec<Layer>,
+    /// Their numbers: for each pixel the channels of all layers in their order.
+    pub layer_data: Vec<f32>,
+    /// Most paths a pixel.
     pub spp: u32,
     /// What became of the paths.
     pub paths: PathCounts,
@@ -153,11 +237,15 @@ mod tests {
     #[test]
     fn mean_and_variance_are_those_of_the_samples() {
         let samples = [1.0f32, 4.0, 2.0, 9.0];
-        let mut sum = PixelSum::default();
+        let layers = [Layer::Bounces, Layer::Variance, Layer::Samples];
+        let mut sum = PixelSum::new(&layers);
         for x in samples {
-            sum.add(&Contribution { radiance: Vec3::splat(x), alpha: 0.5, ..Default::default() });
+            sum.add(&layers, &Contribution { radiance: Vec3::splat(x), alpha: 0.5, bounces: 3, ..Default::default() });
         }
-        let pixel = sum.finish(1.0);
+        let pixel = sum.finish();
+        let mut data = Vec::new();
+        sum.finish_layers(&layers, None, &mut data);
+        assert_eq!(data, [3.0, pixel.variance.x, pixel.variance.y, pixel.variance.z, 4.0]);
         // Mean 4, squared deviations 9 + 0 + 4 + 25 = 38, over 3 and over 4.
         assert!((pixel.mean.x - 4.0).abs() < 1e-6);
         assert!((pixel.variance.y - 38.0 / 12.0).abs() < 1e-5);

@@ -4,7 +4,7 @@
 use glam::Vec2;
 use std::f64::consts::TAU;
 
-/// Entries of the tabulated inverse of the Blackman–Harris window's integral: finer than an 8-bit sub-pixel position.
+/// Entries of the tabulated inverse of a filter's integral: finer than an 8-bit sub-pixel position.
 const TABLE: usize = 1024;
 
 /// Where in and around a pixel samples fall.
@@ -15,9 +15,9 @@ pub enum Filter {
         /// Half-width [pixels].
         radius: f32,
     },
-    /// Separable four-term Blackman–Harris window.
-    BlackmanHarris {
-        /// Offsets [pixels] at equal steps of the window's integral.
+    /// Separable, by a table.
+    Separable {
+        /// Offsets [pixels] at equal steps of the filter's integral.
         inverse: Vec<f32>,
     },
 }
@@ -25,9 +25,24 @@ pub enum Filter {
 impl Filter {
     /// The four-term Blackman–Harris window (Harris 1978, table I, −92 dB) of half-width `radius` [pixels].
     pub fn blackman_harris(radius: f32) -> Self {
-        let window = |x: f64| {
+        Self::separable(radius, |x| {
             0.35875 - 0.48829 * (TAU * x).cos() + 0.14128 * (2.0 * TAU * x).cos() - 0.01168 * (3.0 * TAU * x).cos()
-        };
+        })
+    }
+
+    /// Falls straight from the middle to 0 at `radius` [pixels].
+    pub fn triangle(radius: f32) -> Self {
+        Self::separable(radius, |x| 1.0 - (2.0 * x - 1.0).abs())
+    }
+
+    /// A bell of standard deviation `radius`/3 [pixels], less its value at `radius`, so that it ends at 0 there.
+    pub fn gaussian(radius: f32) -> Self {
+        let bell = |s: f64| (-4.5 * s * s).exp();
+        Self::separable(radius, move |x| bell(2.0 * x - 1.0) - bell(1.0))
+    }
+
+    /// The product of two equal windows over [0, 1], stretched to half-width `radius` [pixels].
+    fn separable(radius: f32, window: impl Fn(f64) -> f64) -> Self {
         let fine = 64 * TABLE;
         let total: f64 = (0..fine).map(|i| window((i as f64 + 0.5) / fine as f64)).sum();
         let mut inverse = Vec::with_capacity(TABLE + 1);
@@ -40,14 +55,14 @@ impl Filter {
             }
         }
         inverse.push(radius);
-        Self::BlackmanHarris { inverse }
+        Self::Separable { inverse }
     }
 
     /// Offset from the middle of the pixel [pixels], from two uniform numbers.
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         match self {
             Filter::Box { radius } => Vec2::from(u.map(|u| (2.0 * u - 1.0) * radius)),
-            Filter::BlackmanHarris { inverse } => Vec2::from(u.map(|u| {
+            Filter::Separable { inverse } => Vec2::from(u.map(|u| {
                 let place = u * TABLE as f32;
                 let i = (place as usize).min(TABLE - 1);
                 inverse[i] + (place - i as f32) * (inverse[i + 1] - inverse[i])
@@ -78,5 +93,26 @@ mod tests {
         assert!(mean.abs() < 1e-4, "{mean}");
         // The first and the last step of the table spread their thousandth of the weight evenly.
         assert!((square - 9.0 * second).abs() < 1e-3, "{square} {}", 9.0 * second);
+    }
+    #[test]
+    fn offsets_have_the_variance_of_their_filter() {
+        let n = 100_000;
+        let variance = |filter: &Filter| {
+            let offsets = (0..n).map(|i| f64::from(filter.sample([0.5, (i as f32 + 0.5) / n as f32]).y));
+            offsets.map(|y| y * y / f64::from(n)).sum::<f64>()
+        };
+        // Of a triangle r²/6. Of the cut bell by parts: ∫ s² (bell − bell(1)) over ∫ (bell − bell(1)).
+        let triangle = variance(&Filter::triangle(2.0));
+        assert!((triangle - 4.0 / 6.0).abs() < 1e-3, "{triangle}");
+        let fine = 1 << 20;
+        let (mut weight, mut square) = (0.0f64, 0.0f64);
+        for i in 0..fine {
+            let s = 2.0 * (f64::from(i) + 0.5) / f64::from(fine) - 1.0;
+            let w = (-4.5 * s * s).exp() - (-4.5f64).exp();
+            weight += w;
+            square += w * s * s;
+        }
+        let gaussian = variance(&Filter::gaussian(2.0));
+        assert!((gaussian - 4.0 * square / weight).abs() < 1e-3, "{gaussian}");
     }
 }

@@ -12,6 +12,7 @@ use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
+use crate::render::light_path::{EMISSION_GROUP, Passage};
 use crate::render::material::Bsdf;
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
@@ -55,28 +56,29 @@ impl<'a> Integrator<'a> {
             let hit = self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY);
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
             let light = self.world.nearest_light(&ray, surface_t);
-            let t_max = light.map_or(surface_t, |(t, ..)| t);
+            let t_max = light.as_ref().map_or(surface_t, |met| met.t);
             let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler);
             if let Some(medium) = self.medium.filter(|medium| medium.emission != Vec3::ZERO) {
                 // No light of the direct connections either.
-                contribution.radiance += throughput * collected(medium, &ray, end);
+                contribution.add_scattered(throughput * collected(medium, &ray, end), bounce, EMISSION_GROUP);
             }
             let vertex = match vertex {
                 Some(vertex) => vertex,
                 None => match (light, hit) {
-                    (Some((_, radiance, light_pdf)), _) => {
-                        contribution.radiance += throughput * radiance * met_weight(direction_pdf, light_pdf);
+                    (Some(met), _) => {
+                        let light = throughput * met.radiance * met_weight(direction_pdf, met.pdf);
+                        contribution.add_scattered(light, bounce, self.world.groups[met.light]);
                         contribution.alpha = 1.0;
                         return contribution;
                     }
                     (None, Some(hit)) => {
                         let point = self.world.materials[hit.shape_idx as usize].at(hit.position, hit.shading_normal);
                         // No light of the direct connections, so that every path that meets it counts in full.
-                        contribution.radiance += throughput * point.emitted;
+                        contribution.add_scattered(throughput * point.emitted, bounce, EMISSION_GROUP);
                         self.surface_vertex(hit, ray.direction, point.bsdf)
                     }
                     (None, None) => {
-                        self.add_background(&ray, throughput, direction_pdf, bounce == 0, &mut contribution);
+                        self.add_background(&ray, throughput, direction_pdf, bounce, &mut contribution);
                         return contribution;
                     }
                 },
@@ -91,7 +93,8 @@ impl<'a> Integrator<'a> {
                 return contribution;
             }
             counts.bounces += 1;
-            contribution.radiance += throughput * self.direct_light(&vertex, bounce, sampler);
+            contribution.bounces += 1;
+            self.add_direct_light(&vertex, throughput, bounce, sampler, &mut contribution);
             let u = sampler.numbers(Dimension::Direction, bounce);
             let scattering = vertex.sample([u[0], u[1]]);
             throughput *= scattering.weight;
@@ -131,31 +134,40 @@ impl<'a> Integrator<'a> {
         Vertex::Surface { hit, before, normal: shading, bsdf }
     }
 
-    fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, is_camera: bool, out: &mut Contribution) {
+    fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, bounce: u32, out: &mut Contribution) {
         for (i, light) in self.world.lights.iter().enumerate() {
             let Light::Environment(environment) = light else { continue };
-            if is_camera && !environment.is_visible {
+            if bounce == 0 && !environment.is_visible {
                 continue;
             }
             let pmf = self.world.pmf(i);
             let light_pdf = if pmf > 0.0 { pmf * environment.pdf(ray.direction) } else { 0.0 };
-            out.radiance += throughput * environment.radiance(ray.direction) * met_weight(pdf, light_pdf);
+            let light = throughput * environment.radiance(ray.direction) * met_weight(pdf, light_pdf);
+            let passage = if bounce == 0 { Passage::Background } else { Passage::scattered(out.first, bounce) };
+            out.add(light, passage, self.world.groups[i]);
             out.alpha = 1.0;
         }
     }
 
     /// Light that reaches the vertex straight from one light, and is scattered back along the path.
-    fn direct_light(&self, vertex: &Vertex, bounce: u32, sampler: &mut Sampler) -> Rgb {
+    fn add_direct_light(
+        &self,
+        vertex: &Vertex,
+        throughput: Rgb,
+        bounce: u32,
+        sampler: &mut Sampler,
+        out: &mut Contribution,
+    ) {
         let u = sampler.numbers(Dimension::Light, bounce);
-        let Some(target) = self.world.choose_light(u[0]) else { return Vec3::ZERO };
+        let Some(target) = self.world.choose_light(u[0]) else { return };
         let pmf = self.world.pmf(target);
-        let Some(sample) = self.world.lights[target].sample(vertex.point(), [u[1], u[2]]) else { return Vec3::ZERO };
+        let Some(sample) = self.world.lights[target].sample(vertex.point(), [u[1], u[2]]) else { return };
         let mis = sample.pdf.map_or(1.0, |pdf| power_weight(pdf * pmf, vertex.pdf(sample.direction)));
         let unshadowed = vertex.value(sample.direction) * sample.weight * (mis / pmf);
-        if unshadowed.max_element() <= 0.0 {
-            return Vec3::ZERO;
+        if unshadowed.max_element() > 0.0 {
+            let light = throughput * (unshadowed * self.transmittance_to(vertex, &sample, target, sampler));
+            out.add_scattered(light, bounce + 1, self.world.groups[target]);
         }
-        unshadowed * self.transmittance_to(vertex, &sample, target, sampler)
     }
 
     fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> f32 {

@@ -2,6 +2,7 @@
 //!
 //! This file turns settings into camera, lights and media; `integrator.rs` traces paths, `tiles.rs` takes pictures.
 
+pub mod adaptive;
 pub mod camera;
 pub mod color;
 pub mod dense;
@@ -11,7 +12,9 @@ pub mod filter;
 pub mod glow;
 pub mod image_texture;
 pub mod integrator;
+pub mod layers;
 pub mod light;
+pub mod light_path;
 pub mod material;
 pub mod medium;
 pub mod phase;
@@ -32,13 +35,16 @@ use crate::geometry::sdf::PlacedSdf;
 use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
-use crate::render::camera::Camera;
+use crate::render::adaptive::Adaptive;
+use crate::render::camera::{Camera, Lens};
 use crate::render::environment::Environment;
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
 use crate::render::image_texture::{ImageTexture, LatLong, Planar, Projection, Triplanar};
 use crate::render::integrator::PathLimits;
+use crate::render::layers::{Layer, group_layers};
 use crate::render::light::{Light, Rectangle, Sphere};
+use crate::render::light_path::{OTHER_GROUP, Passage};
 use crate::render::material::{Material, MaterialKind};
 use crate::render::medium::Medium;
 use crate::render::phase::Phase;
@@ -47,6 +53,7 @@ use crate::render::surface_keys::{FlowState, state_at};
 use crate::render::texture::{FlowNoise, Ramp, Texture};
 use crate::render::tiles::View;
 use crate::render::world::World;
+use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
@@ -205,7 +212,19 @@ pub fn build_world(
     let lights = build_lights(scene, load)?;
     // What the camera looks at is what is lit.
     let center = world_point(scene.settings.camera.look_at);
-    Ok(World::new(surfaces, materials, lights, center))
+    let mut world = World::new(surfaces, materials, lights, center);
+    world.groups = groups(&scene.settings);
+    Ok(world)
+}
+
+/// The number of the group of each light, as [`group_layers`] counts them.
+fn groups(settings: &settings::Settings) -> Vec<usize> {
+    let names = settings.light_groups();
+    let number = |light: &settings::Light| {
+        let name = light.group()?;
+        names.iter().position(|known| known == name)
+    };
+    settings.lights.iter().map(|light| number(light).map_or(OTHER_GROUP, |i| OTHER_GROUP + 1 + i)).collect()
 }
 
 /// The material of each shape, with textures as they are at a time [s]; `geometry` is where shapes are at that time.
@@ -373,20 +392,67 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
             world_point(camera.position),
             world_point(camera.look_at),
             vec3(camera.up),
-            camera.vertical_fov_deg as f32,
+            camera_projection(camera),
+            camera.lens.as_ref().map(|lens| Lens {
+                radius: lens.radius as f32,
+                focus_distance: lens.focus_distance.unwrap_or_else(|| camera.distance()) as f32,
+            }),
             film.resolution,
         )
         .expect("validation refuses cameras that look nowhere"),
         resolution: film.resolution,
         bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
         spp: film.spp,
+        adaptive: film.noise_target.map(|noise| Adaptive { noise: noise as f32, min_spp: film.min_spp.min(film.spp) }),
         filter: match film.filter {
             settings::Filter::Box { radius } => Filter::Box { radius: radius as f32 },
+            settings::Filter::Triangle { radius } => Filter::triangle(radius as f32),
+            settings::Filter::Gaussian { radius } => Filter::gaussian(radius as f32),
             settings::Filter::BlackmanHarris { radius } => Filter::blackman_harris(radius as f32),
         },
         limits: PathLimits { max_bounces: settings.render.max_bounces, roulette_from: settings.render.roulette_from },
         seed: if settings.render.lock_seed { seed } else { seed.derive(frame as u32 as u64) },
+        layers: layers(settings),
     }
+}
+
+fn camera_projection(camera: &settings::Camera) -> camera::Projection {
+    match camera.projection {
+        settings::CameraProjection::Perspective => {
+            camera::Projection::Perspective { vertical_fov_deg: camera.vertical_fov_deg as f32 }
+        }
+        settings::CameraProjection::Orthographic { height } => {
+            camera::Projection::Orthographic { height: height as f32 }
+        }
+        settings::CameraProjection::LatLong => camera::Projection::LatLong,
+    }
+}
+
+/// The further layers that a scene asks for, each once.
+fn layers(settings: &settings::Settings) -> Vec<Layer> {
+    let mut layers: Vec<Layer> = Vec::new();
+    for aov in &settings.output.aovs {
+        let more = match aov {
+            Aov::Depth => vec![Layer::Depth],
+            Aov::Position => vec![Layer::Position],
+            Aov::ShapeId => vec![Layer::ShapeId],
+            Aov::Normal => vec![Layer::Normal],
+            Aov::Albedo => vec![Layer::Albedo],
+            Aov::Variance => vec![Layer::Variance],
+            Aov::Transmittance => vec![Layer::Transmittance],
+            Aov::VolumeDepth => vec![Layer::VolumeDepth],
+            Aov::Passages => Passage::ALL.map(Layer::Light).into(),
+            Aov::LightGroups => group_layers(&settings.light_groups()),
+            Aov::Bounces => vec![Layer::Bounces],
+            Aov::Samples => vec![Layer::Samples],
+        };
+        for layer in more {
+            if !layers.contains(&layer) {
+                layers.push(layer);
+            }
+        }
+    }
+    layers
 }
 
 fn light(scene: &Scene, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {

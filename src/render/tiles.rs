@@ -1,18 +1,20 @@
 //! A picture is cut into tiles, which threads take one by one; equal inputs give equal bits whatever their number.
 
-use crate::geometry::embree::Ray;
 use crate::math::hash::Seed;
 use crate::progress::Progress;
 use crate::render::RenderError;
+use crate::render::adaptive::{Adaptive, HALVES};
 use crate::render::camera::Camera;
 use crate::render::film::{Film, PathCounts, Pixel, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
 use crate::render::integrator::{Integrator, PathLimits};
+use crate::render::layers::{Layer, Middle};
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::world::World;
 use glam::Vec2;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
 const TILE: u32 = 16;
@@ -31,14 +33,25 @@ pub struct View {
     pub resolution: [u32; 2],
     /// The part of it to render.
     pub bounds: PixelBounds,
-    /// Paths a pixel.
+    /// Paths a pixel; with `adaptive` the most.
     pub spp: u32,
+    /// When a pixel has enough paths before that, if ever.
+    pub adaptive: Option<Adaptive>,
     /// How samples are spread about a pixel.
     pub filter: Filter,
     /// When paths end.
     pub limits: PathLimits,
     /// Of the random numbers.
     pub seed: Seed,
+    /// Further layers to make.
+    pub layers: Vec<Layer>,
+}
+
+/// A part of the picture that a thread made.
+struct Tile {
+    pixels: Vec<Pixel>,
+    layer_data: Vec<f32>,
+    counts: PathCounts,
 }
 
 /// Takes the picture, on all threads of the current pool. Equal inputs give equal bits whatever their number.
@@ -64,81 +77,130 @@ pub fn render(
             y1: (y0 + TILE).min(view.bounds.y1),
         })
         .collect();
-    let finished: Vec<(Vec<Pixel>, PathCounts)> =
+    let finished: Vec<Tile> =
         tiles.par_iter().map(|tile| render_tile(tile, view, &integrator, progress)).collect::<Result<_, _>>()?;
     Ok(assemble(view, &tiles, &finished))
 }
 
 fn render_tile(
-    tile: &PixelBounds,
+    bounds: &PixelBounds,
     view: &View,
     integrator: &Integrator,
     progress: &dyn Progress,
-) -> Result<(Vec<Pixel>, PathCounts), RenderError> {
-    let mut counts = PathCounts::default();
-    let mut pixels = Vec::with_capacity(tile.area());
-    for y in tile.y0..tile.y1 {
-        for x in tile.x0..tile.x1 {
-            pixels.push(render_pixel(x, y, view, integrator, &mut counts, progress)?);
+) -> Result<Tile, RenderError> {
+    let mut tile =
+        Tile { pixels: Vec::with_capacity(bounds.area()), layer_data: Vec::new(), counts: PathCounts::default() };
+    let needs_middle = view.layers.iter().any(Layer::is_of_the_middle);
+    for y in bounds.y0..bounds.y1 {
+        for x in bounds.x0..bounds.x1 {
+            let mut painter = PixelPainter {
+                x,
+                y,
+                view,
+                integrator,
+                progress,
+                counts: &mut tile.counts,
+                unsaid: 0,
+                looked_at_bounce: 0,
+            };
+            let sum = painter.paint()?;
+            let middle = needs_middle.then(|| {
+                let ray = view.camera.ray(middle_of(x, y), [0.5, 0.5]);
+                Middle::look(integrator, &view.camera, &ray)
+            });
+            tile.pixels.push(sum.finish());
+            sum.finish_layers(&view.layers, middle.as_ref(), &mut tile.layer_data);
         }
     }
-    Ok((pixels, counts))
+    Ok(tile)
 }
 
-fn render_pixel(
+fn middle_of(x: u32, y: u32) -> Vec2 {
+    Vec2::new(x as f32 + 0.5, y as f32 + 0.5)
+}
+
+/// Traces the paths of one pixel.
+struct PixelPainter<'a> {
     x: u32,
     y: u32,
-    view: &View,
-    integrator: &Integrator,
-    counts: &mut PathCounts,
-    progress: &dyn Progress,
-) -> Result<Pixel, RenderError> {
-    let middle = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-    let ray_at = |p: Vec2| Ray { origin: view.camera.position(), direction: view.camera.direction(p) };
-    let mut sum = PixelSum::default();
-    let (mut looked_at_sample, mut looked_at_bounce) = (0, counts.bounces);
-    if progress.is_cancelled() {
-        return Err(RenderError::Cancelled);
-    }
-    for sample in 0..view.spp {
-        if sample - looked_at_sample >= SAMPLES_A_LOOK || counts.bounces - looked_at_bounce >= BOUNCES_A_LOOK {
-            progress.advance(u64::from(sample - looked_at_sample));
-            if progress.is_cancelled() {
-                return Err(RenderError::Cancelled);
+    view: &'a View,
+    integrator: &'a Integrator<'a>,
+    progress: &'a dyn Progress,
+    counts: &'a mut PathCounts,
+    /// Paths that `progress` was not told of yet.
+    unsaid: u32,
+    looked_at_bounce: u64,
+}
+
+impl PixelPainter<'_> {
+    fn paint(&mut self) -> Result<PixelSum, RenderError> {
+        self.looked_at_bounce = self.counts.bounces;
+        self.look()?;
+        let sum = match &self.view.adaptive {
+            None => {
+                let mut sum = PixelSum::new(&self.view.layers);
+                self.add(&mut sum, self.view.seed, 0..self.view.spp)?;
+                sum
             }
-            (looked_at_sample, looked_at_bounce) = (sample, counts.bounces);
-        }
-        let mut sampler = Sampler::new(view.seed, x, y, sample);
-        let u = sampler.numbers(Dimension::Film, 0);
-        let ray = ray_at(middle + view.filter.sample([u[0], u[1]]));
-        let contribution = integrator.trace(ray, &mut sampler, counts);
-        if !contribution.radiance.is_finite() {
-            return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
-        }
-        sum.add(&contribution);
+            Some(adaptive) => {
+                let seeds = HALVES.map(|key| self.view.seed.derive(key));
+                adaptive
+                    .paint(self.view.spp, &self.view.layers, |half, sum, samples| self.add(sum, seeds[half], samples))?
+            }
+        };
+        // Paths that were not needed are done too.
+        self.unsaid += self.view.spp - sum.moments().count().min(self.view.spp);
+        self.progress.advance(u64::from(self.unsaid));
+        Ok(sum)
     }
-    progress.advance(u64::from(view.spp - looked_at_sample));
-    let ray = ray_at(middle);
-    let depth = integrator
-        .world
-        .surfaces
-        .intersect(&ray, 0.0, f32::INFINITY)
-        .map_or(f32::INFINITY, |hit| hit.t * ray.direction.dot(*view.camera.forward()));
-    Ok(sum.finish(depth))
+
+    /// Says how far it is, and asks whether to stop.
+    fn look(&mut self) -> Result<(), RenderError> {
+        self.progress.advance(u64::from(self.unsaid));
+        self.unsaid = 0;
+        self.looked_at_bounce = self.counts.bounces;
+        if self.progress.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
+    }
+
+    fn add(&mut self, sum: &mut PixelSum, seed: Seed, samples: Range<u32>) -> Result<(), RenderError> {
+        let (x, y, view) = (self.x, self.y, self.view);
+        for sample in samples {
+            if self.unsaid >= SAMPLES_A_LOOK || self.counts.bounces - self.looked_at_bounce >= BOUNCES_A_LOOK {
+                self.look()?;
+            }
+            let mut sampler = Sampler::new(seed, x, y, sample);
+            let u = sampler.numbers(Dimension::Film, 0);
+            let ray = view.camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
+            let contribution = self.integrator.trace(ray, &mut sampler, self.counts);
+            if !contribution.radiance.is_finite() {
+                return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
+            }
+            sum.add(&view.layers, &contribution);
+            self.unsaid += 1;
+        }
+        Ok(())
+    }
 }
 
 /// Puts tiles in their places; counts are added in the order of the tiles, so that their sum has no luck in it either.
-fn assemble(view: &View, tiles: &[PixelBounds], finished: &[(Vec<Pixel>, PathCounts)]) -> Film {
+fn assemble(view: &View, tiles: &[PixelBounds], finished: &[Tile]) -> Film {
+    let channels: usize = view.layers.iter().map(|layer| layer.channels().len()).sum();
     let mut pixels = vec![Pixel::default(); view.bounds.area()];
+    let mut layer_data = vec![0.0; view.bounds.area() * channels];
     let mut paths = PathCounts::default();
     let width = view.bounds.width() as usize;
-    for (tile, (tile_pixels, tile_paths)) in tiles.iter().zip(finished) {
-        paths.add(tile_paths);
-        for (row, line) in tile_pixels.chunks(tile.width() as usize).enumerate() {
-            let start = (tile.y0 - view.bounds.y0) as usize + row;
-            let at = start * width + (tile.x0 - view.bounds.x0) as usize;
-            pixels[at..at + line.len()].copy_from_slice(line);
+    for (bounds, tile) in tiles.iter().zip(finished) {
+        paths.add(&tile.counts);
+        let tile_width = bounds.width() as usize;
+        for row in 0..bounds.height() as usize {
+            let start = (bounds.y0 - view.bounds.y0) as usize + row;
+            let at = start * width + (bounds.x0 - view.bounds.x0) as usize;
+            let own = row * tile_width;
+            pixels[at..at + tile_width].copy_from_slice(&tile.pixels[own..own + tile_width]);
+            layer_data[at * channels..(at + tile_width) * channels]
+                .copy_from_slice(&tile.layer_data[own * channels..(own + tile_width) * channels]);
         }
     }
-    Film { resolution: view.resolution, bounds: view.bounds, pixels, spp: view.spp, paths }
+    let (resolution, bounds, layers) = (view.resolution, view.bounds, view.layers.clone());
+    Film { resolution, bounds, pixels, layers, layer_data, spp: view.spp, paths }
 }

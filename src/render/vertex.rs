@@ -4,6 +4,7 @@ use crate::geometry::embree::Hit;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::color::Rgb;
 use crate::render::film::Contribution;
+use crate::render::light_path::FirstEvent;
 use crate::render::material::Bsdf;
 use crate::render::medium::Medium;
 use glam::Vec3;
@@ -98,8 +99,12 @@ impl Vertex<'_> {
     /// Notes the first event for the further layers.
     pub fn describe(&self, out: &mut Contribution) {
         match self {
-            Vertex::Smoke { medium, .. } => out.albedo = medium.albedo,
+            Vertex::Smoke { medium, .. } => {
+                out.first = FirstEvent::Smoke;
+                out.albedo = medium.albedo;
+            }
             Vertex::Surface { normal, bsdf, .. } => {
+                out.first = FirstEvent::Surface;
                 out.normal = normal.as_vec3();
                 out.albedo = bsdf.albedo();
             }

@@ -4,6 +4,7 @@ use crate::geometry::embree::{Ray, TraceScene};
 use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::light::Light;
+use crate::render::light_path::OTHER_GROUP;
 use crate::render::material::Material;
 
 /// Everything that light meets, but for the smoke, which changes from frame to frame.
@@ -14,8 +15,23 @@ pub struct World {
     pub materials: Vec<Material>,
     /// Light sources.
     pub lights: Vec<Light>,
+    /// Number of the group of each light.
+    pub groups: Vec<usize>,
     /// Running sums of the probability of choosing each light for a direct connection.
     choice: Vec<f32>,
+}
+
+/// A light that a path meets by itself.
+#[derive(Debug, Clone, Copy)]
+pub struct MetLight {
+    /// Which.
+    pub light: usize,
+    /// Distance along the ray [m].
+    pub t: f32,
+    /// Radiance towards the ray's origin [W/(m² sr)].
+    pub radiance: Rgb,
+    /// Density [1/sr] with which it would have been sampled here, times the probability of choosing it.
+    pub pdf: f32,
 }
 
 impl World {
@@ -34,7 +50,8 @@ impl World {
                 sum
             })
             .collect();
-        Self { surfaces, materials, lights, choice }
+        let groups = vec![OTHER_GROUP; lights.len()];
+        Self { surfaces, materials, lights, groups, choice }
     }
 
     /// The light chosen by the uniform number `u`.
@@ -48,12 +65,15 @@ impl World {
         self.choice[i] - if i == 0 { 0.0 } else { self.choice[i - 1] }
     }
 
-    /// The nearest light that the ray meets before `t_max`, its density times its probability.
-    pub fn nearest_light(&self, ray: &Ray, t_max: f32) -> Option<(f32, Rgb, f32)> {
+    /// The nearest light that the ray meets before `t_max`.
+    pub fn nearest_light(&self, ray: &Ray, t_max: f32) -> Option<MetLight> {
         let hits = self.lights.iter().enumerate().filter_map(|(i, light)| Some((i, light.intersect(ray)?)));
-        hits.filter(|(_, hit)| hit.t < t_max)
-            .min_by(|a, b| a.1.t.total_cmp(&b.1.t))
-            .map(|(i, hit)| (hit.t, hit.radiance, hit.pdf * self.pmf(i)))
+        hits.filter(|(_, hit)| hit.t < t_max).min_by(|a, b| a.1.t.total_cmp(&b.1.t)).map(|(light, hit)| MetLight {
+            light,
+            t: hit.t,
+            radiance: hit.radiance,
+            pdf: hit.pdf * self.pmf(light),
+        })
     }
 
     /// Whether a surface or a light other than number `target` is in the way.

@@ -1,16 +1,23 @@
 //! How much memory a scene will need at least, known before any of it is allocated.
 
-use crate::settings::{Emitter, Film, Frames};
+use crate::settings::{Emitter, Frames, Settings};
 
 /// Memory of a live particle, with the copies that sorting and splatting make [bytes].
 pub const PARTICLE_BYTES: f64 = 128.0;
-/// Memory of a pixel with all layers when it is most [bytes]: 56 as channels of the picture, 42 as they are stored, and
-/// 42 in a file that does not compress. Before that, 56 in tiles and as much again where they are put together.
-const PIXEL_BYTES: f64 = 144.0;
+/// Memory of a pixel without further layers when it is most [bytes]: 28 in tiles and as much again where they are put
+/// together.
+const PIXEL_BYTES: f64 = 64.0;
 
-/// Memory of the picture [bytes].
-pub fn film_bytes(film: &Film) -> f64 {
-    film.resolution.map(f64::from).iter().product::<f64>() * PIXEL_BYTES
+/// Memory of a number of a further layer when it is most [bytes]: in a channel of the picture, as it is stored, and in a file
+/// that does not compress.
+const LAYER_BYTES: f64 = 12.0;
+
+/// Memory of the picture with its layers [bytes].
+pub fn film_bytes(settings: &Settings) -> f64 {
+    let groups = settings.light_groups().len();
+    let channels: usize = settings.output.aovs.iter().map(|aov| aov.channel_count(groups)).sum();
+    let pixels: f64 = settings.film.resolution.map(f64::from).iter().product();
+    pixels * (PIXEL_BYTES + LAYER_BYTES * channels as f64)
 }
 
 /// Most particles of an emitter that can be alive at once in the frames of the scene: an upper bound.

@@ -19,7 +19,7 @@ pub use smoke::*;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Three coordinates, in metres where nothing else is said.
 pub type Vec3 = [f64; 3];
@@ -66,6 +66,12 @@ impl Settings {
     pub fn smoke_seed(&self) -> u64 {
         self.smoke.as_ref().and_then(|smoke| smoke.seed).unwrap_or(self.render.seed)
     }
+
+    /// The names of the groups of lights, in order.
+    pub fn light_groups(&self) -> Vec<String> {
+        let names: BTreeSet<&str> = self.lights.iter().filter_map(Light::group).collect();
+        names.into_iter().map(String::from).collect()
+    }
 }
 
 /// Which frames exist, and their timing. Frame f is at time (f − first)/fps.
@@ -93,7 +99,7 @@ impl Default for Frames {
     }
 }
 
-/// A pinhole camera. y is up; pixels are square.
+/// A camera. y is up; pixels are square.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -104,10 +110,61 @@ pub struct Camera {
     /// Which way is up in the picture. Default [0, 1, 0].
     #[serde(default = "up")]
     pub up: Vec3,
-    /// Angle between the lower and the upper edge of the picture [degrees]. Default 35.
+    /// Angle between the lower and the upper edge of the picture [degrees]; of `perspective` only. Default 35.
     #[serde(default = "vertical_fov")]
     #[schemars(range(min = 0.01, max = 175.0))]
     pub vertical_fov_deg: f64,
+    /// How the world comes onto the film. Default perspective.
+    #[serde(default, skip_serializing_if = "CameraProjection::is_perspective")]
+    pub projection: CameraProjection,
+    /// A lens, which blurs what is out of focus. Default none: a pinhole, all is sharp.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens: Option<Lens>,
+}
+
+impl Camera {
+    /// Distance from the camera to where it looks [m].
+    pub fn distance(&self) -> f64 {
+        (0..3).map(|i| (self.look_at[i] - self.position[i]).powi(2)).sum::<f64>().sqrt()
+    }
+}
+
+/// How the world comes onto the film.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum CameraProjection {
+    /// Straight lines through one point.
+    #[default]
+    Perspective,
+    /// Parallel rays, which start in the plane of `position`.
+    Orthographic {
+        /// Height of what is seen [m].
+        #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0.0))]
+        height: f64,
+    },
+    /// All directions, by longitude and latitude, as pictures of surroundings are: the middle of the picture is forwards, its
+    /// left and right edge behind, its top `up`. A picture twice as wide as high has the right proportions.
+    LatLong,
+}
+
+impl CameraProjection {
+    /// Whether it is the usual one.
+    pub fn is_perspective(&self) -> bool {
+        *self == Self::Perspective
+    }
+}
+
+/// A thin lens.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// Radius of its opening [m]: the focal length over twice the f-number. 0.009 is a lens of 50 mm at f/2.8.
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub radius: f64,
+    /// Distance along the view of what is sharp [m]. Default the distance of `look_at`.
+    #[serde(default)]
+    #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0.0))]
+    pub focus_distance: Option<f64>,
 }
 
 fn up() -> Vec3 {
@@ -125,17 +182,38 @@ pub struct Film {
     /// Width and height in pixels. Default [640, 360].
     #[schemars(inner(range(min = 1, max = 32768)))]
     pub resolution: [u32; 2],
-    /// Paths traced through each pixel. Default 128.
+    /// Paths traced through each pixel; with `noise_target` the most. Default 128.
     #[schemars(range(min = 1, max = 16777216))]
     pub spp: u32,
+    /// A pixel has enough paths when the standard error of its luminance is this share of that luminance plus
+    /// 0.05 W/(m² sr): 0.02 is clean, 0.1 grainy. Unbiased, and the same on every run. Default none: all pixels have `spp`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0001, max = 10.0))]
+    pub noise_target: Option<f64>,
+    /// With `noise_target`, fewest paths of a pixel: too few miss what is bright and rare. Default 32.
+    #[serde(skip_serializing_if = "is_min_spp")]
+    #[schemars(range(min = 4, max = 16777216))]
+    pub min_spp: u32,
     /// How a sample counts for its pixel. Default a Blackman–Harris window of radius 1.5 pixels.
     pub filter: Filter,
 }
 
 impl Default for Film {
     fn default() -> Self {
-        Self { resolution: [640, 360], spp: 128, filter: Filter::BlackmanHarris { radius: 1.5 } }
+        Self {
+            resolution: [640, 360],
+            spp: 128,
+            noise_target: None,
+            min_spp: MIN_SPP,
+            filter: Filter::BlackmanHarris { radius: 1.5 },
+        }
     }
+}
+
+const MIN_SPP: u32 = 32;
+
+fn is_min_spp(spp: &u32) -> bool {
+    *spp == MIN_SPP
 }
 
 /// The weight of a sample by its distance from the middle of the pixel. Sampled in proportion, so every sample of a
@@ -147,6 +225,18 @@ pub enum Filter {
     Box {
         /// Half the width [pixels].
         #[schemars(range(min = 0.0, max = 8.0))]
+        radius: f64,
+    },
+    /// Falls straight to 0 at the radius.
+    Triangle {
+        /// Half the width [pixels].
+        #[schemars(range(min = 0.1, max = 8.0))]
+        radius: f64,
+    },
+    /// A bell of standard deviation radius/3 that ends at 0.
+    Gaussian {
+        /// Half the width [pixels].
+        #[schemars(range(min = 0.1, max = 8.0))]
         radius: f64,
     },
     /// Four-term Blackman–Harris window.

@@ -5,8 +5,8 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Material, Output, Part, Potential, Settings, Shape,
-    Torus, Vec3,
+    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Material, Output, Part,
+    Potential, Settings, Shape, Torus, Vec3,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -16,11 +16,18 @@ use std::path::Path;
 /// Most parts of a smooth union, each of which is evaluated at every point.
 const UNION_PARTS_MAX: usize = 64;
 
+/// Most named groups of lights.
+const LIGHT_GROUPS_MAX: usize = 14;
+
+/// Names of the layers of light without a named group.
+const RESERVED_GROUPS: [&str; 2] = ["emission", "other"];
+
 /// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
 pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
     let mut check = Check { settings, tree, mended, path, collector };
     check.frames(&settings.frames);
     check.camera(&settings.camera);
+    check.film(&settings.film);
     check.shapes();
     check.flow();
     if let Some(smoke) = &settings.smoke {
@@ -142,6 +149,20 @@ impl<'s> Check<'s, '_, '_> {
         } else if is_parallel(view, camera.up) {
             let message = "`up` is parallel to the direction of view";
             self.error_help("camera.up", "camera", message, "looking straight up or down, take `up: [0, 0, -1]`");
+        }
+        if camera.lens.is_some() && camera.projection == CameraProjection::LatLong {
+            let help = "remove `lens`, or take another projection";
+            self.error_help("camera.lens", "camera", "a camera that sees all directions has no lens", help);
+        }
+    }
+
+    fn film(&mut self, film: &Film) {
+        if film.noise_target.is_none() && film.min_spp != Film::default().min_spp {
+            let message = "`min_spp` has no effect without `noise_target`";
+            self.warning("film.min_spp", "film", message, "add `noise_target`, for example 0.02, or remove it");
+        } else if film.noise_target.is_some() && film.min_spp > film.spp {
+            let message = format!("the fewest paths, {}, are more than the most, `spp: {}`", film.min_spp, film.spp);
+            self.error("film.min_spp", "film", message);
         }
     }
 
@@ -384,8 +405,30 @@ impl<'s> Check<'s, '_, '_> {
             };
             is_dark &= power == [0.0; 3];
         }
+        self.light_groups();
         if is_dark {
             self.warning("lights", "lights", "all lights are black", "raise one of them above 0");
+        }
+    }
+
+    /// Groups become names of channels, and there is room for so many.
+    fn light_groups(&mut self) {
+        let settings = self.settings;
+        for (index, light) in settings.lights.iter().enumerate() {
+            let Some(name) = light.group() else { continue };
+            let key = format!("lights[{index}].{}.group", light.kind());
+            let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+            if !is_plain || name.is_empty() || name.len() > 32 {
+                self.error(&key, &key, "the name of a group has 1 to 32 letters, digits and `_`");
+            } else if RESERVED_GROUPS.contains(&name) {
+                let message = format!("`{name}` is the layer of what is in no group");
+                self.error_help(&key, &key, message, "take another name");
+            }
+        }
+        let count = settings.light_groups().len();
+        if count > LIGHT_GROUPS_MAX {
+            let message = format!("{count} groups of lights; at most {LIGHT_GROUPS_MAX} are allowed");
+            self.error_help("lights", "lights", message, "give lights the same `group`, or none");
         }
     }
 

@@ -2,9 +2,9 @@
 
 use crate::diagnostic::Fault;
 use crate::schema::decimal;
-use crate::settings::{Emitter, Phase, Smoke};
+use crate::settings::{CameraProjection, Emitter, Phase, Smoke};
 use crate::unit::tidy;
-use crate::validate::{Check, difference, length};
+use crate::validate::Check;
 use crate::{footprint, resolve};
 
 /// Least ratio of a kernel's reach to the edge of a voxel: below it, particles between voxel centres lose their shape.
@@ -93,8 +93,13 @@ impl Check<'_, '_, '_> {
         let mass: f64 =
             smoke.emitters.iter().map(|e| if e.rate.is_some() { e.mass * e.lifetime } else { e.mass }).sum();
         let camera = &self.settings.camera;
-        let distance = length(difference(camera.look_at, camera.position));
-        let height = 2.0 * distance * (camera.vertical_fov_deg.to_radians() / 2.0).tan();
+        let height = match camera.projection {
+            CameraProjection::Perspective => {
+                2.0 * camera.distance() * (camera.vertical_fov_deg.to_radians() / 2.0).tan()
+            }
+            CameraProjection::Orthographic { height } => height,
+            CameraProjection::LatLong => 2.0 * camera.distance(),
+        };
         let [width_px, height_px] = self.settings.film.resolution.map(f64::from);
         let optical_depth = mass * medium.extinction / (height * height * width_px / height_px);
         if optical_depth < OPTICAL_DEPTH_VISIBLE && self.is_sound("camera") && self.is_sound("film") {
@@ -233,7 +238,7 @@ impl Check<'_, '_, '_> {
             size if size < 1.0 => format!("{:.0} MiB", size * 1024.0),
             size => format!("{size:.1} GiB"),
         };
-        let film = footprint::film_bytes(&self.settings.film);
+        let film = footprint::film_bytes(self.settings);
         if !self.is_sound("render.memory_limit_gib") {
             return;
         }

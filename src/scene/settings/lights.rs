@@ -20,6 +20,31 @@ pub enum Light {
     Point(PointLight),
 }
 
+impl Light {
+    /// Its key in a scene.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Sun(_) => "sun",
+            Self::Environment(_) => "environment",
+            Self::Rectangle(_) => "rectangle",
+            Self::Sphere(_) => "sphere",
+            Self::Point(_) => "point",
+        }
+    }
+
+    /// Its group, if it is in one.
+    pub fn group(&self) -> Option<&str> {
+        let group = match self {
+            Self::Sun(light) => &light.group,
+            Self::Environment(light) => &light.group,
+            Self::Rectangle(light) => &light.group,
+            Self::Sphere(light) => &light.group,
+            Self::Point(light) => &light.group,
+        };
+        group.as_deref()
+    }
+}
+
 /// Parallel light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -29,6 +54,9 @@ pub struct Sun {
     /// Irradiance on a surface that faces it [W/m²].
     #[schemars(inner(range(min = 0.0)))]
     pub irradiance: Rgb,
+    /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
 }
 
 /// Light from all around.
@@ -49,6 +77,9 @@ pub struct Environment {
     pub scale: Option<f64>,
     /// Whether camera rays see it; otherwise the background is black and its alpha 0. Default true.
     pub visible: Option<bool>,
+    /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
 }
 
 /// A simple sky: colours by height, blended smoothly.
@@ -79,6 +110,9 @@ pub struct RectangleLight {
     /// Radiance [W/(m² sr)].
     #[schemars(inner(range(min = 0.0)))]
     pub radiance: Rgb,
+    /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
 }
 
 /// A ball that shines.
@@ -93,6 +127,9 @@ pub struct SphereLight {
     /// Radiance [W/(m² sr)].
     #[schemars(inner(range(min = 0.0)))]
     pub radiance: Rgb,
+    /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
 }
 
 /// A point that shines alike in all directions.
@@ -104,4 +141,7 @@ pub struct PointLight {
     /// Radiant intensity [W/sr].
     #[schemars(inner(range(min = 0.0)))]
     pub intensity: Rgb,
+    /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
 }

@@ -57,8 +57,13 @@ pub enum Compression {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Aov {
-    /// Distance along the view axis to the first surface [m]; infinite where there is none. Channel Z.
+    /// Distance along the view axis to the first surface [m]; infinite where there is none. Through the middle of the pixel.
+    /// Channel Z.
     Depth,
+    /// Where that surface is in the world [m]; 0 where there is none. Channels P.X, P.Y, P.Z.
+    Position,
+    /// Number of its shape, from 1 in the order of the shapes' names; 0 where there is none. Channel shape_id.
+    ShapeId,
     /// Normal of the first surface. Channels N.X, N.Y, N.Z.
     Normal,
     /// Colour of the first surface or smoke. Channels albedo.R, albedo.G, albedo.B.
@@ -66,6 +71,34 @@ pub enum Aov {
     /// Variance of the mean of the picture, as if samples were independent: an upper bound, since they are stratified.
     /// Infinite with one sample per pixel. Channels variance.R, variance.G, variance.B.
     Variance,
+    /// Share of light that the smoke before the first surface lets through, exact along the ray through the middle of the pixel.
+    /// Channel transmittance.
+    Transmittance,
+    /// Distances along the view axis at which smoke begins, at which on average it stops the view, and at which it has stopped
+    /// half of it [m]; infinite where it does not. Channels volume_depth.first, volume_depth.mean, volume_depth.half.
+    VolumeDepth,
+    /// Light by the way it came: `background`, `emission` (seen straight), and scattered once or more often, by what the camera
+    /// saw first: `surface_direct`, `surface_indirect`, `volume_direct`, `volume_indirect`. Six layers whose sum is the picture.
+    Passages,
+    /// Light by groups of sources: `light_emission` of glowing surfaces and smoke, `light_other` of lights without a group, and
+    /// `light_NAME` for each `group`. Layers whose sum is the picture.
+    LightGroups,
+    /// Scatterings of a path, on average. Channel bounces.
+    Bounces,
+    /// Paths of the pixel: differ with `film.noise_target`. Channel samples.
+    Samples,
+}
+
+impl Aov {
+    /// Most channels that it has.
+    pub fn channel_count(self, group_count: usize) -> usize {
+        match self {
+            Self::Depth | Self::ShapeId | Self::Transmittance | Self::Bounces | Self::Samples => 1,
+            Self::Position | Self::Normal | Self::Albedo | Self::Variance | Self::VolumeDepth => 3,
+            Self::Passages => 18,
+            Self::LightGroups => 3 * (group_count + 2),
+        }
+    }
 }
 
 /// How the preview maps light to the screen.

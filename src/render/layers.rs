@@ -1,0 +1,183 @@
+//! The further layers of a picture: what each holds, and where it comes from.
+//!
+//! Most are means over the paths of a pixel, like the picture itself. Those that a mean would spoil (a depth between two
+//! things is the depth of neither) are taken along the ray through the pixel's middle.
+
+use crate::geometry::embree::Ray;
+use crate::render::camera::Camera;
+use crate::render::color::Rgb;
+use crate::render::dense;
+use crate::render::film::{Contribution, Moments};
+use crate::render::integrator::Integrator;
+use crate::render::light_path::{GROUP_MAX, Passage};
+use glam::Vec3;
+
+/// A further layer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Layer {
+    /// Distance along the view axis to the first surface through the pixel's middle [m]; infinite where there is none.
+    Depth,
+    /// Where that surface is, in the world [m]; 0 where there is none.
+    Position,
+    /// Number of its shape, from 1 in the order of names; 0 where there is none.
+    ShapeId,
+    /// Share of light that the smoke before that surface lets through, along the ray through the pixel's middle.
+    Transmittance,
+    /// Distances along the view axis at which smoke begins, at which on average it stops the view, and at which it has
+    /// stopped half of the view [m]; infinite where it does not.
+    VolumeDepth,
+    /// Normal of the first surface, mean over paths.
+    Normal,
+    /// Colour of the first surface or smoke, mean over paths.
+    Albedo,
+    /// Variance of the mean of the picture.
+    Variance,
+    /// Light that came one way.
+    Light(Passage),
+    /// Light of one group of sources: its name and its number.
+    LightGroup(String, usize),
+    /// Scatterings of a path, mean over paths.
+    Bounces,
+    /// Paths of the pixel.
+    Samples,
+}
+
+/// How the numbers of a layer may be kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Precision {
+    /// Colour to look at.
+    Color,
+    /// Data: never rounded further than single precision.
+    Data,
+}
+
+/// What the ray through the middle of a pixel meets.
+#[derive(Debug, Clone, Copy)]
+pub struct Middle {
+    depth: f32,
+    position: Vec3,
+    shape_id: u32,
+    transmittance: f32,
+    volume_depth: [f32; 3],
+}
+
+impl Layer {
+    /// Names of its channels in a file.
+    pub fn channels(&self) -> Vec<String> {
+        let parts = |name: &str, parts: &[&str]| parts.iter().map(|part| format!("{name}.{part}")).collect();
+        match self {
+            Self::Depth => vec!["Z".into()],
+            Self::Position => parts("P", &["X", "Y", "Z"]),
+            Self::ShapeId => vec!["shape_id".into()],
+            Self::Transmittance => vec!["transmittance".into()],
+            Self::VolumeDepth => parts("volume_depth", &["first", "mean", "half"]),
+            Self::Normal => parts("N", &["X", "Y", "Z"]),
+            Self::Albedo => parts("albedo", &["R", "G", "B"]),
+            Self::Variance => parts("variance", &["R", "G", "B"]),
+            Self::Light(passage) => parts(passage.name(), &["R", "G", "B"]),
+            Self::LightGroup(name, _) => parts(&format!("light_{name}"), &["R", "G", "B"]),
+            Self::Bounces => vec!["bounces".into()],
+            Self::Samples => vec!["samples".into()],
+        }
+    }
+
+    /// How its numbers may be kept.
+    pub fn precision(&self) -> Precision {
+        match self {
+            Self::Albedo | Self::Light(_) | Self::LightGroup(..) => Precision::Color,
+            _ => Precision::Data,
+        }
+    }
+
+    /// Whether it needs [`Middle`].
+    pub fn is_of_the_middle(&self) -> bool {
+        matches!(self, Self::Depth | Self::Position | Self::ShapeId | Self::Transmittance | Self::VolumeDepth)
+    }
+
+    /// What one path brings to it, for layers that are means over paths.
+    pub fn of_path(&self, path: &Contribution) -> Vec3 {
+        match self {
+            Self::Normal => path.normal,
+            Self::Albedo => path.albedo,
+            Self::Light(passage) => path.by_passage[*passage as usize],
+            Self::LightGroup(_, group) => path.by_group[*group],
+            Self::Bounces => Vec3::splat(path.bounces as f32),
+            _ => Vec3::ZERO,
+        }
+    }
+
+    /// Its numbers, as many as it has channels: from the mean over the paths of what each brought, the moments of the
+    /// picture, and the pixel's middle.
+    pub fn finish(&self, mean: Vec3, moments: &Moments, middle: Option<&Middle>) -> Vec3 {
+        match (self, middle) {
+            (Self::Variance, _) => moments.variance_of_mean(),
+            (Self::Samples, _) => Vec3::splat(moments.count() as f32),
+            (Self::Depth, Some(middle)) => Vec3::splat(middle.depth),
+            (Self::Position, Some(middle)) => middle.position,
+            (Self::ShapeId, Some(middle)) => Vec3::splat(middle.shape_id as f32),
+            (Self::Transmittance, Some(middle)) => Vec3::splat(middle.transmittance),
+            (Self::VolumeDepth, Some(middle)) => Vec3::from(middle.volume_depth),
+            _ => mean,
+        }
+    }
+}
+
+impl Middle {
+    /// Looks along the ray through the middle of a pixel.
+    pub fn look(integrator: &Integrator, camera: &Camera, ray: &Ray) -> Self {
+        let hit = integrator.world.surfaces.intersect(ray, 0.0, f32::INFINITY);
+        let end = hit.as_ref().map_or(f32::INFINITY, |hit| hit.t);
+        let view = integrator.medium.map(|medium| dense::view_through(medium, ray, end));
+        let depth = |t: f32| if t.is_finite() { camera.depth(ray, t) } else { t };
+        Self {
+            depth: depth(end),
+            position: hit.as_ref().map_or(Vec3::ZERO, |hit| hit.position.0),
+            shape_id: hit.as_ref().map_or(0, |hit| hit.shape_idx + 1),
+            transmittance: view.as_ref().map_or(1.0, |view| view.transmittance as f32),
+            volume_depth: view
+                .map_or([f32::INFINITY; 3], |view| [view.first, view.mean, view.half].map(|t| depth(t as f32))),
+        }
+    }
+}
+
+/// Sums of what the paths of a pixel bring to further layers.
+#[derive(Debug, Clone)]
+pub struct LayerSums(Vec<glam::DVec3>);
+
+impl LayerSums {
+    /// Nothing yet.
+    pub fn new(layers: &[Layer]) -> Self {
+        Self(vec![glam::DVec3::ZERO; layers.len()])
+    }
+
+    /// Adds one path.
+    pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
+        for (sum, layer) in self.0.iter_mut().zip(layers) {
+            *sum += layer.of_path(path).as_dvec3();
+        }
+    }
+
+    /// Two sums added, each times its factor.
+    pub fn of_halves(sums: [&Self; 2], factors: [f64; 2]) -> Self {
+        let [a, b] = sums.map(|sum| sum.0.iter());
+        Self(a.zip(b).map(|(a, b)| *a * factors[0] + *b * factors[1]).collect())
+    }
+
+    /// Means over `count` paths.
+    pub fn means(&self, count: u32) -> impl Iterator<Item = Rgb> + '_ {
+        let n = f64::from(count.max(1));
+        self.0.iter().map(move |sum| (*sum / n).as_vec3())
+    }
+}
+
+/// The layers of all groups of lights: `emission` of surfaces and smoke, `other` of lights without a group, then the
+/// named ones, which together are the picture.
+///
+/// # Panics
+/// With more than [`GROUP_MAX`] groups in all.
+pub fn group_layers(names: &[String]) -> Vec<Layer> {
+    let all = ["emission", "other"].into_iter().chain(names.iter().map(String::as_str));
+    let layers: Vec<Layer> = all.enumerate().map(|(i, name)| Layer::LightGroup(name.into(), i)).collect();
+    assert!(layers.len() <= GROUP_MAX, "validation refuses so many groups");
+    layers
+}
