@@ -46,7 +46,7 @@ fn tracking(c: &mut Criterion) {
             for (i, ray) in rays.iter().enumerate() {
                 let mut stream = CounterRng::new(Seed(1).derive(i as u64));
                 let u = stream.uniform();
-                black_box(sample_collision(&medium, ray, f32::INFINITY, u, &mut stream));
+                black_box(sample_collision(&medium, ray, f32::INFINITY, u, &mut stream, None));
             }
         });
     });

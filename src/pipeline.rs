@@ -1,6 +1,7 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
 mod fingerprint;
+mod heat;
 mod mask_files;
 mod smoke;
 
@@ -138,7 +139,7 @@ pub fn bake(
     for (index, &frame) in job.frames.iter().enumerate() {
         progress.frame(frame, index, job.frames.len());
         let mut record = Sidecar { frame, ..Sidecar::default() };
-        let grid = smoke.grid(scene, frame, progress, &mut record)?.ok_or(Error::NothingToBake)?;
+        let grid = smoke.grid(scene, frame, progress, &mut record)?.ok_or(Error::NothingToBake)?.density;
         let path = file_of(frame);
         timed(progress, Stage::Write, &mut record, 0, || {
             let bytes = vdb::write_float_grids(&[("density", &grid)], settings);
@@ -230,9 +231,15 @@ impl Studio {
         let grid = self.smoke.grid(scene, frame, progress, record)?;
         let start = Instant::now();
         let medium = grid
-            .map(|grid| render::build_medium(scene, grid))
+            .map(|smoke| {
+                let mut medium = render::build_medium(scene, smoke.density)?;
+                if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
+                    render::kindle(medium, glow)?;
+                }
+                Ok(medium)
+            })
             .transpose()
-            .map_err(|e| in_scene(scene, "smoke.medium.extinction", Some(frame), e))?
+            .map_err(|e: RenderError| in_scene(scene, "smoke.medium.extinction", Some(frame), e))?
             .flatten();
         record.add_time(Stage::Grid, start.elapsed());
         let view = render::build_view(scene, frame, crop);

@@ -125,3 +125,39 @@ fn what_smoke_gives_off_lights_what_is_beside_it() {
     assert!((found.mean - expected).abs() < 3.3 * found.standard_error + 0.004 * expected);
     assert!(found.standard_error < 0.02 * expected);
 }
+
+#[test]
+fn hot_smoke_shines_as_a_black_body_where_it_is_thick() {
+    use curlsmoke::pipeline;
+    use curlsmoke::progress::Silent;
+    use curlsmoke::render::blackbody::Blackbody;
+    use curlsmoke::scene::Scene;
+    use std::path::Path;
+    // Particles that never cool, black and so many that nothing is seen through them: a black body, whatever their density.
+    let scene = |extinction: f64| {
+        let text = format!(
+            "version: 1
+camera: {{position: [0, 0, 5], look_at: [0, 0, 0], vertical_fov_deg: 2}}
+film: {{resolution: [4, 4], spp: 64}}
+smoke:
+  emitters: [{{sphere: {{center: [0, 0, 0], radius: 0.5}}, count: 20000, mass: 1, lifetime: 10}}]
+  grid: {{voxel_size: 0.05, kernel_radius: 0.15}}
+  blackbody: {{temperature: 1800, cooling_time: 1000000, gain: 0.5}}
+  medium: {{extinction: {extinction}, albedo: [0, 0, 0]}}
+output: {{image: out/hot.exr}}
+"
+        );
+        Scene::from_text(&text, Path::new("test.yaml")).unwrap_or_else(|e| panic!("{e}"))
+    };
+    let mean = |extinction: f64| {
+        let film = pipeline::film(&scene(extinction), 1, None, &Silent).unwrap_or_else(|e| panic!("{e}"));
+        film.pixels.iter().map(|p| p.mean).sum::<Vec3>() / film.pixels.len() as f32
+    };
+    let expected = Blackbody::new().at(1800.0) * 0.5;
+    let thick = mean(100.0);
+    println!("{thick} of {expected}");
+    assert!(((thick - expected) / expected.max_element()).abs().max_element() < 0.03, "{thick} of {expected}");
+    // Thin smoke gives off in proportion to what it absorbs.
+    let (thin, half) = (mean(1e-3), mean(5e-4));
+    assert!((thin / half - 2.0).abs().x < 1e-2 && thin.x < 0.01 * expected.x, "{thin} {half}");
+}

@@ -289,3 +289,30 @@ fn no_particles_are_an_empty_grid() {
     cloud.mass.fill(0.0);
     assert!(splat(&cloud.input(), &settings(0.02, [0.0, 0.0])).expect("in range").grid.is_empty());
 }
+
+#[test]
+fn densities_are_told_apart_between_the_lowest_and_the_highest_and_bounds_follow() {
+    let remap = curlsmoke::scene::settings::Remap { in_range: [0.2, 0.8], out: Some(3.0), gamma: 2.0 };
+    assert_eq!([0.0, 0.2, 0.5, 0.8, 7.0].map(|d| remap.apply(d)), [0.0, 0.0, 0.75, 3.0, 3.0]);
+    let grid = blobs(0.1, WorldPoint::new(-1.0, 2.0, 0.5));
+    let changed = grid.clone().map(|density| remap.apply(density));
+    let mut rng = CounterRng::new(Seed(8));
+    let mut compared = 0;
+    for (brick, values) in grid.occupied_bricks() {
+        for _ in 0..20 {
+            let i = (rng.uniform() * 512.0) as usize;
+            let voxel = brick * 8 + curlsmoke::grid::local_voxel(i).as_ivec3();
+            assert_eq!(changed.voxel(voxel), remap.apply(values[i]));
+            // The interpolant too, which reads what bricks share.
+            let middle =
+                WorldPoint((changed.origin() + (voxel.as_dvec3() + 1.0) * f64::from(changed.voxel_size())).as_vec3());
+            let corners = (0..8).map(|c| changed.voxel(voxel + IVec3::new(c & 1, (c >> 1) & 1, c >> 2)));
+            let mean = corners.sum::<f32>() / 8.0;
+            let found = changed.density(middle);
+            assert!((found - mean).abs() < 1e-4, "{found} {mean}");
+            compared += i32::from(mean > 0.0);
+        }
+    }
+    assert!(compared > 100, "{compared}");
+    assert!(changed.max_density() <= 3.0);
+}

@@ -4,7 +4,10 @@ mod support;
 
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::math::space::WorldPoint;
+use curlsmoke::output::film_image::{Origin, image_of_film};
+use curlsmoke::output::image::{Attribute, SampleKind};
 use curlsmoke::progress::Silent;
+use curlsmoke::render::cryptomatte;
 use curlsmoke::render::film::Film;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::{self, tiles};
@@ -136,6 +139,44 @@ fn transmittance_is_what_paths_find() {
     let exact = f64::from(channel(&film, "transmittance")[16 * 48 + 20]);
     println!("{found:?} of {}", exact * 0.2);
     assert!(exact > 0.05 && exact < 0.9 && found.z(exact * 0.2) < 4.0, "{found:?} {exact}");
+}
+
+#[test]
+fn masks_say_what_each_shape_covers() {
+    let stage = stage(&SCENE.replace("aovs: [passages", "aovs: [cryptomatte, passages"));
+    let film = picture(&stage, &smoke(&stage));
+    let [ball, floor] = ["ball", "floor"].map(cryptomatte::id);
+    let ranks: Vec<[Vec<f32>; 2]> = ["00.R 00.G", "00.B 00.A", "01.R 01.G"]
+        .map(|pair| {
+            let names: Vec<&str> = pair.split(' ').collect();
+            [names[0], names[1]].map(|name| channel(&film, &format!("{}{name}", cryptomatte::NAME)))
+        })
+        .to_vec();
+    let mut of_ball = 0.0;
+    for (i, pixel) in film.pixels.iter().enumerate() {
+        let listed: Vec<(u32, f32)> = ranks.iter().map(|[id, share]| (id[i].to_bits(), share[i])).collect();
+        let sum: f32 = listed.iter().map(|(_, share)| share).sum();
+        // What is not shape is smoke, sky or the shining ball of the lights.
+        assert!(sum <= pixel.alpha + 1e-5, "{sum} of {}", pixel.alpha);
+        assert!(listed.iter().all(|&(id, share)| share == 0.0 || id == ball || id == floor), "{listed:?}");
+        of_ball += listed.iter().filter(|(id, _)| *id == ball).map(|(_, share)| share).sum::<f32>();
+    }
+    // A ball of radius 0.3 that is 5.05 away, 35 degrees over 32 rows: 83 pixels, some of them behind smoke.
+    assert!((40.0..90.0).contains(&of_ball), "{of_ball}");
+    let file = image_of_film(&film, SampleKind::Half, &origin(&stage));
+    let manifest =
+        file.attributes.iter().find(|(key, _)| key.starts_with("cryptomatte/") && key.ends_with("/manifest"));
+    assert_eq!(
+        manifest.map(|(_, text)| text.clone()),
+        Some(Attribute::Text(format!("{{\"ball\":\"{ball:08x}\",\"floor\":\"{floor:08x}\"}}")))
+    );
+    let id = file.channels.iter().find(|c| c.name == "CryptoObject00.R").expect("written");
+    assert_eq!(id.kind, SampleKind::Float, "numbers of shapes have no room to be rounded");
+}
+
+fn origin(stage: &Stage) -> Origin {
+    let camera = render::build_view(&stage.scene, 1, None).camera;
+    Origin { scene_hash: String::new(), seed: 1, frame: 1, fps: 24.0, shutter: [0.0; 2], camera }
 }
 
 #[test]

@@ -104,6 +104,10 @@ pub struct RenderArguments {
     /// Paths traced through each pixel, instead of film.spp
     #[arg(long, value_name = "COUNT")]
     pub spp: Option<u32>,
+
+    /// Trace through each pixel only until its noise is below this, instead of film.noise_target: 0.02 is clean, 0.1 grainy
+    #[arg(long, value_name = "SHARE")]
+    pub noise_target: Option<f64>,
     /// Width and height in pixels, or a share of the scene's: 640x360, 50%
     #[arg(long, visible_alias = "res", value_name = "SIZE")]
     pub resolution: Option<Resolution>,

@@ -61,6 +61,9 @@ pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: 
 /// The scene with the flags of `render` applied.
 fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     let mut overrides = Vec::new();
+    if let Some(noise) = arguments.noise_target {
+        overrides.push(("film.noise_target".to_string(), noise.to_string()));
+    }
     if let Some(spp) = arguments.spp {
         overrides.push(("film.spp".to_string(), spp.to_string()));
     }

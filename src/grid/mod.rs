@@ -205,6 +205,13 @@ impl DensityGrid {
         Self::from_dense(origin, voxel_size, &Lattice::from_values(dims, values), memory_limit_bytes)
     }
 
+    /// Every density replaced by what `change` makes of it: finite, at least 0, and 0 of 0, since there is smoke nowhere else.
+    pub fn map(mut self, change: impl Fn(f32) -> f32 + Sync) -> Self {
+        debug_assert_eq!(change(0.0), 0.0, "what is outside of the grid cannot become smoke");
+        self.bricks.par_iter_mut().for_each(|brick| brick.iter_mut().for_each(|value| *value = change(*value)));
+        self
+    }
+
     /// Edge of a voxel [m].
     pub fn voxel_size(&self) -> f32 {
         self.voxel_size

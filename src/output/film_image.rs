@@ -2,8 +2,9 @@
 
 use crate::output::image::{Attribute, Image, SampleKind};
 use crate::render::camera::Camera;
+use crate::render::cryptomatte;
 use crate::render::film::Film;
-use crate::render::layers::Precision;
+use crate::render::layers::{Layer, Precision};
 
 /// What a picture says of its making. Nothing of it depends on the machine or the hour.
 #[derive(Debug, Clone)]
@@ -41,6 +42,13 @@ pub fn image_of_film(film: &Film, kind: SampleKind, origin: &Origin) -> Image {
         image.push(name, kind, film.layer_data.iter().skip(i).step_by(stride).copied().collect());
     }
     describe(&mut image, film, origin);
+    for layer in &film.layers {
+        if let Layer::Cryptomatte(names) = layer {
+            for (key, text) in cryptomatte::attributes(names) {
+                image.set_attribute(key, Attribute::Text(text));
+            }
+        }
+    }
     image
 }
 

@@ -8,12 +8,20 @@ use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
 use crate::output::sidecar::{MassFigures, Sidecar};
 use crate::particles::ParticleSystem;
+use crate::pipeline::heat::Heat;
 use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::Scene;
 use crate::scene::pattern::Pattern;
 use glam::DVec3;
 use std::time::Instant;
+
+/// The smoke of a frame.
+pub(super) struct FrameSmoke {
+    pub(super) density: DensityGrid,
+    /// Light that it gives off because it is hot [W/(m³ sr)].
+    pub(super) glow: Option<[DensityGrid; 3]>,
+}
 
 /// Where the density of a frame comes from.
 pub(super) enum SmokeSource {
@@ -27,6 +35,7 @@ pub(super) enum SmokeSource {
     File {
         pattern: Pattern,
         grid_name: String,
+        temperature_name: String,
     },
 }
 
@@ -35,7 +44,8 @@ impl SmokeSource {
         let Some(smoke) = &scene.settings.smoke else { return Ok(Self::None) };
         if let Some(density) = &smoke.file {
             let pattern = parse_pattern(&density.path)?;
-            return Ok(Self::File { pattern, grid_name: density.density.clone() });
+            let (grid_name, temperature_name) = (density.density.clone(), density.temperature.clone());
+            return Ok(Self::File { pattern, grid_name, temperature_name });
         }
         let Some(grid) = &smoke.grid else { return Ok(Self::None) };
         let frames = &scene.settings.frames;
@@ -56,8 +66,11 @@ impl SmokeSource {
         frame: i32,
         progress: &dyn Progress,
         record: &mut Sidecar,
-    ) -> Result<Option<DensityGrid>, Error> {
-        let grid = match self {
+    ) -> Result<Option<FrameSmoke>, Error> {
+        let heat = scene.settings.smoke.as_ref().and_then(Heat::new);
+        // Four grids share what is left.
+        let share = if heat.is_some() { 4 } else { 1 };
+        let (density, glow) = match self {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings, is_told } => {
                 let before = [system.penetrations(), system.born(), system.born_inside()];
@@ -76,7 +89,8 @@ impl SmokeSource {
                     obstacles: has_walls.then_some(&walls),
                 };
                 let count = particles.mass.len();
-                let settings = SplatSettings { memory_limit_bytes: grid_memory_limit(scene, count), ..*settings };
+                let settings =
+                    SplatSettings { memory_limit_bytes: grid_memory_limit(scene, count) / share, ..*settings };
                 let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, &settings))
                     .map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
                 let m = splat.mass;
@@ -89,19 +103,39 @@ impl SmokeSource {
                     *is_told = true;
                     progress.note(&format!("frame {frame}: {}", born_inside_text(scene, "the particles were", share)));
                 }
-                splat.grid
+                let glow = heat
+                    .map(|heat| heat.of_particles(particles, &input, &settings))
+                    .transpose()
+                    .map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?;
+                (splat.grid, glow)
             }
-            Self::File { pattern, grid_name } => {
+            Self::File { pattern, grid_name, temperature_name } => {
                 let path = scene.resolve(&pattern.expand(frame, scene.name()));
-                timed(progress, Stage::Grid, record, 0, || {
-                    vdb::read_float_grid(&path, grid_name, grid_memory_limit(scene, 0))
-                })
-                .map_err(|e| in_scene(scene, "smoke.file.path", Some(frame), e))?
+                let limit = grid_memory_limit(scene, 0) / share;
+                let read = |name: &str| vdb::read_float_grid(&path, name, limit);
+                let density = timed(progress, Stage::Grid, record, 0, || read(grid_name))
+                    .map_err(|e| in_scene(scene, "smoke.file.path", Some(frame), e))?;
+                let glow = match heat {
+                    None => None,
+                    Some(heat) => {
+                        let temperature =
+                            read(temperature_name).map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?;
+                        let glow = heat.of_grids(&density, &temperature, limit);
+                        Some(glow.map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?)
+                    }
+                };
+                (density, glow)
             }
         };
-        record.grid.active_voxels = grid.active_voxel_count();
-        record.grid.bytes = grid.memory_bytes();
-        Ok(Some(grid))
+        let remap = scene.settings.smoke.as_ref().and_then(|smoke| smoke.remap);
+        let density = match remap {
+            Some(remap) => density.map(|density| remap.apply(density)),
+            None => density,
+        };
+        record.grid.active_voxels = density.active_voxel_count();
+        let all = glow.iter().flatten().chain([&density]);
+        record.grid.bytes = all.map(DensityGrid::memory_bytes).sum();
+        Ok(Some(FrameSmoke { density, glow }))
     }
 }
 

@@ -6,6 +6,7 @@
 //! thick, and smoke that is thick in one voxel and absent in the next would hold it for ever.
 
 use crate::geometry::embree::Ray;
+use crate::grid::DensityGrid;
 use crate::grid::lookup::IndexRay;
 use crate::render::medium::Medium;
 use glam::DVec3;
@@ -34,9 +35,9 @@ pub fn cross(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2], tau_left: f64
     Crossing::Through(tau)
 }
 
-/// The density of the piece of the ray between distances `t0` and `t1` [m], added up along it [density unit · m].
-pub fn column(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2]) -> f64 {
-    let density = |t: f64| f64::from(medium.density(line.at(t as f32)));
+/// The values of a grid on the piece of the ray between distances `t0` and `t1` [m], added up along it [value · m].
+pub fn column(grid: &DensityGrid, line: &IndexRay, [t0, t1]: [f64; 2]) -> f64 {
+    let density = |t: f64| f64::from(grid.density_at(line.at(t as f32)));
     VoxelWalk::new(line, t0, t1).map(|[a, b]| integral(density, a, b)).sum()
 }
 
@@ -161,7 +162,6 @@ impl Iterator for VoxelWalk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::DensityGrid;
     use crate::math::hash::{CounterRng, Seed};
     use crate::math::space::{UnitVec3, WorldPoint};
     use crate::render::phase::Phase;
@@ -221,7 +221,9 @@ mod tests {
         let mut depths: Vec<f64> = (0..n)
             .map(|_| {
                 let u = stream.uniform();
-                let Event::Collision { t } = sample_collision(&medium, &ray, 10.0, u, &mut stream) else { panic!() };
+                let Event::Collision { t } = sample_collision(&medium, &ray, 10.0, u, &mut stream, None) else {
+                    panic!()
+                };
                 let Crossing::Through(tau) = cross(&medium, &line, [0.0, f64::from(t)], f64::INFINITY) else {
                     panic!()
                 };
@@ -250,7 +252,7 @@ mod tests {
             let mut stream = CounterRng::new(Seed(3));
             for ray in rays() {
                 let u = stream.uniform();
-                sample_collision(&spot, &ray, f32::INFINITY, u, &mut stream);
+                sample_collision(&spot, &ray, f32::INFINITY, u, &mut stream, None);
                 let t = estimate_transmittance(&spot, &ray, 3.0, &mut stream);
                 assert!((0.0..=1.0).contains(&t));
             }

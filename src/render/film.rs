@@ -1,6 +1,7 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
 use crate::render::color::Rgb;
+use crate::render::cryptomatte::Coverage;
 use crate::render::layers::{Layer, LayerSums, Middle};
 use crate::render::light_path::{FirstEvent, GROUP_MAX, Passage};
 use glam::{DVec3, Vec3};
@@ -60,6 +61,8 @@ pub struct Contribution {
     pub alpha: f32,
     /// What the camera's ray met first.
     pub first: FirstEvent,
+    /// The shape of the surface that it met first, if it met one before smoke.
+    pub shape_idx: Option<u32>,
     /// Normal of the first surface, or zero.
     pub normal: Vec3,
     /// Colour of the first surface or smoke, or zero.
@@ -131,19 +134,23 @@ impl Moments {
 pub struct PixelSum {
     moments: Moments,
     alpha: f64,
+    coverage: Coverage,
     layers: LayerSums,
 }
 
 impl PixelSum {
     /// Nothing yet.
     pub fn new(layers: &[Layer]) -> Self {
-        Self { moments: Moments::default(), alpha: 0.0, layers: LayerSums::new(layers) }
+        Self { moments: Moments::default(), alpha: 0.0, coverage: Coverage::default(), layers: LayerSums::new(layers) }
     }
 
     /// Adds one path; `layers` are those that it was made with.
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
         self.moments.add(path.radiance);
         self.alpha += f64::from(path.alpha);
+        if let Some(shape_idx) = path.shape_idx {
+            self.coverage.add(shape_idx, 1.0);
+        }
         self.layers.add(layers, path);
     }
 
@@ -153,6 +160,9 @@ impl PixelSum {
         let n = f64::from(count);
         let variance = 0.25 * (a.moments.variance_in_double() + b.moments.variance_in_double());
         let [na, nb] = [a, b].map(|half| f64::from(half.moments.count));
+        let mut coverage = Coverage::default();
+        coverage.add_all(&a.coverage, 0.5 * n / na);
+        coverage.add_all(&b.coverage, 0.5 * n / nb);
         Self {
             moments: Moments {
                 count,
@@ -160,6 +170,7 @@ impl PixelSum {
                 squares: variance * n * (n - 1.0),
             },
             alpha: 0.5 * n * (a.alpha / na + b.alpha / nb),
+            coverage,
             layers: LayerSums::of_halves([&a.layers, &b.layers], [0.5 * n / na, 0.5 * n / nb]),
         }
     }
@@ -181,8 +192,7 @@ impl PixelSum {
     /// The numbers of the further layers, channel after channel, at the end of `out`.
     pub fn finish_layers(&self, layers: &[Layer], middle: Option<&Middle>, out: &mut Vec<f32>) {
         for (layer, mean) in layers.iter().zip(self.layers.means(self.moments.count)) {
-            let values = layer.finish(mean, &self.moments, middle);
-            out.extend(values.to_array().into_iter().take(layer.channels().len()));
+            layer.finish(mean, &self.moments, &self.coverage, middle, out);
         }
     }
 }

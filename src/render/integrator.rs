@@ -8,6 +8,7 @@
 
 use crate::geometry::embree::{Hit, Ray};
 use crate::math::space::UnitVec3;
+use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
@@ -16,7 +17,7 @@ use crate::render::light_path::{EMISSION_GROUP, Passage};
 use crate::render::material::Bsdf;
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
-use crate::render::tracking::{Event, estimate_transmittance, sample_collision};
+use crate::render::tracking::{Event, estimate_tinted_transmittance, estimate_transmittance, sample_collision};
 use crate::render::vertex::Vertex;
 use crate::render::world::World;
 use glam::Vec3;
@@ -51,22 +52,29 @@ impl<'a> Integrator<'a> {
         // Density of the direction the path follows; None where no light was asked, as at the camera.
         let mut direction_pdf: Option<f32> = None;
         counts.traced += 1;
+        let mut chroma: Option<Chroma> = None;
         for bounce in 0.. {
             let numbers = sampler.numbers(Dimension::Flight, bounce);
+            if bounce == 0 {
+                let tint = self.medium.and_then(|medium| medium.tint);
+                chroma = tint.map(|ratios| Chroma::new(ratios, numbers[2]));
+            }
             let hit = self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY);
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
             let light = self.world.nearest_light(&ray, surface_t);
             let t_max = light.as_ref().map_or(surface_t, |met| met.t);
-            let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler);
-            if let Some(medium) = self.medium.filter(|medium| medium.emission != Vec3::ZERO) {
+            let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler, chroma.as_mut());
+            // What light from here on counts.
+            let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
+            if let Some(medium) = self.medium.filter(|medium| medium.glows()) {
                 // No light of the direct connections either.
-                contribution.add_scattered(throughput * collected(medium, &ray, end), bounce, EMISSION_GROUP);
+                contribution.add_scattered(carried * collected(medium, &ray, end), bounce, EMISSION_GROUP);
             }
             let vertex = match vertex {
                 Some(vertex) => vertex,
                 None => match (light, hit) {
                     (Some(met), _) => {
-                        let light = throughput * met.radiance * met_weight(direction_pdf, met.pdf);
+                        let light = carried * met.radiance * met_weight(direction_pdf, met.pdf);
                         contribution.add_scattered(light, bounce, self.world.groups[met.light]);
                         contribution.alpha = 1.0;
                         return contribution;
@@ -74,11 +82,11 @@ impl<'a> Integrator<'a> {
                     (None, Some(hit)) => {
                         let point = self.world.materials[hit.shape_idx as usize].at(hit.position, hit.shading_normal);
                         // No light of the direct connections, so that every path that meets it counts in full.
-                        contribution.add_scattered(throughput * point.emitted, bounce, EMISSION_GROUP);
+                        contribution.add_scattered(carried * point.emitted, bounce, EMISSION_GROUP);
                         self.surface_vertex(hit, ray.direction, point.bsdf)
                     }
                     (None, None) => {
-                        self.add_background(&ray, throughput, direction_pdf, bounce, &mut contribution);
+                        self.add_background(&ray, carried, direction_pdf, bounce, &mut contribution);
                         return contribution;
                     }
                 },
@@ -89,17 +97,17 @@ impl<'a> Integrator<'a> {
             contribution.alpha = 1.0;
             if bounce >= self.limits.max_bounces {
                 counts.truncated += 1;
-                counts.truncated_throughput += f64::from(throughput.max_element());
+                counts.truncated_throughput += f64::from(carried.max_element());
                 return contribution;
             }
             counts.bounces += 1;
             contribution.bounces += 1;
-            self.add_direct_light(&vertex, throughput, bounce, sampler, &mut contribution);
+            self.add_direct_light(&vertex, carried, bounce, sampler, &mut contribution);
             let u = sampler.numbers(Dimension::Direction, bounce);
             let scattering = vertex.sample([u[0], u[1]]);
             throughput *= scattering.weight;
             if bounce >= self.limits.roulette_from {
-                let survival = throughput.max_element();
+                let survival = (carried * scattering.weight).max_element();
                 if survival < 1.0 {
                     if numbers[1] >= survival {
                         return contribution;
@@ -117,11 +125,18 @@ impl<'a> Integrator<'a> {
     }
 
     /// The place where the ray meets smoke before `t_max`, if it does, and the distance at which its flight ends [m].
-    fn fly(&self, ray: &Ray, t_max: f32, u: f32, sampler: &mut Sampler) -> (Option<Vertex<'a>>, f32) {
+    fn fly(
+        &self,
+        ray: &Ray,
+        t_max: f32,
+        u: f32,
+        sampler: &mut Sampler,
+        chroma: Option<&mut Chroma>,
+    ) -> (Option<Vertex<'a>>, f32) {
         let Some(medium) = self.medium else { return (None, t_max) };
         // A collision that rounding moves behind the surface would be caught inside the solid for good.
         let t_max = t_max * (1.0 - CLEARANCE) - CLEARANCE * ray.origin.0.abs().max_element();
-        match sample_collision(medium, ray, t_max, u, sampler.stream()) {
+        match sample_collision(medium, ray, t_max, u, sampler.stream(), chroma) {
             Event::Collision { t } => (Some(Vertex::Smoke { point: ray.at(t), medium, before: ray.direction }), t),
             Event::Escape => (None, t_max),
         }
@@ -170,14 +185,18 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> f32 {
+    fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> Rgb {
         let ray = Ray { origin: vertex.leave(sample.direction), direction: sample.direction };
         // Stop short of the light itself.
         let t_max = sample.distance * (1.0 - 1e-4);
         if self.world.is_blocked(&ray, t_max, target) {
-            return 0.0;
+            return Vec3::ZERO;
         }
-        self.medium.map_or(1.0, |medium| estimate_transmittance(medium, &ray, sample.distance, sampler.stream()))
+        let Some(medium) = self.medium else { return Vec3::ONE };
+        match medium.tint {
+            None => Vec3::splat(estimate_transmittance(medium, &ray, sample.distance, sampler.stream())),
+            Some(ratios) => estimate_tinted_transmittance(medium, ratios, &ray, sample.distance, sampler.stream()),
+        }
     }
 }
 

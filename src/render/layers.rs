@@ -6,6 +6,7 @@
 use crate::geometry::embree::Ray;
 use crate::render::camera::Camera;
 use crate::render::color::Rgb;
+use crate::render::cryptomatte::{self, Coverage};
 use crate::render::dense;
 use crate::render::film::{Contribution, Moments};
 use crate::render::integrator::Integrator;
@@ -36,6 +37,8 @@ pub enum Layer {
     Light(Passage),
     /// Light of one group of sources: its name and its number.
     LightGroup(String, usize),
+    /// Masks of shapes by name: names and numbers of all shapes, in order.
+    Cryptomatte(Vec<String>),
     /// Scatterings of a path, mean over paths.
     Bounces,
     /// Paths of the pixel.
@@ -64,7 +67,8 @@ pub struct Middle {
 impl Layer {
     /// Names of its channels in a file.
     pub fn channels(&self) -> Vec<String> {
-        let parts = |name: &str, parts: &[&str]| parts.iter().map(|part| format!("{name}.{part}")).collect();
+        let parts =
+            |name: &str, parts: &[&str]| -> Vec<String> { parts.iter().map(|part| format!("{name}.{part}")).collect() };
         match self {
             Self::Depth => vec!["Z".into()],
             Self::Position => parts("P", &["X", "Y", "Z"]),
@@ -76,6 +80,9 @@ impl Layer {
             Self::Variance => parts("variance", &["R", "G", "B"]),
             Self::Light(passage) => parts(passage.name(), &["R", "G", "B"]),
             Self::LightGroup(name, _) => parts(&format!("light_{name}"), &["R", "G", "B"]),
+            Self::Cryptomatte(_) => (0..cryptomatte::RANKS / 2)
+                .flat_map(|level| parts(&format!("{}{level:02}", cryptomatte::NAME), &["R", "G", "B", "A"]))
+                .collect(),
             Self::Bounces => vec!["bounces".into()],
             Self::Samples => vec!["samples".into()],
         }
@@ -106,10 +113,22 @@ impl Layer {
         }
     }
 
-    /// Its numbers, as many as it has channels: from the mean over the paths of what each brought, the moments of the
-    /// picture, and the pixel's middle.
-    pub fn finish(&self, mean: Vec3, moments: &Moments, middle: Option<&Middle>) -> Vec3 {
-        match (self, middle) {
+    /// Its numbers at the end of `out`, as many as it has channels: from the mean over the paths of what each brought, the
+    /// moments of the picture, the shapes that were met first, and the pixel's middle.
+    pub fn finish(
+        &self,
+        mean: Vec3,
+        moments: &Moments,
+        coverage: &Coverage,
+        middle: Option<&Middle>,
+        out: &mut Vec<f32>,
+    ) {
+        let values = match (self, middle) {
+            (Self::Cryptomatte(names), _) => {
+                let ids: Vec<u32> = names.iter().map(|name| cryptomatte::id(name)).collect();
+                out.extend(coverage.ranked(&ids, f64::from(moments.count())));
+                return;
+            }
             (Self::Variance, _) => moments.variance_of_mean(),
             (Self::Samples, _) => Vec3::splat(moments.count() as f32),
             (Self::Depth, Some(middle)) => Vec3::splat(middle.depth),
@@ -118,7 +137,8 @@ impl Layer {
             (Self::Transmittance, Some(middle)) => Vec3::splat(middle.transmittance),
             (Self::VolumeDepth, Some(middle)) => Vec3::from(middle.volume_depth),
             _ => mean,
-        }
+        };
+        out.extend(values.to_array().into_iter().take(self.channels().len()));
     }
 }
 

@@ -7,16 +7,21 @@ use crate::grid::majorant::{MajorantGrid, MajorantIterator};
 use crate::math::space::IndexPoint;
 use crate::render::color::Rgb;
 use crate::render::phase::Phase;
+use glam::Vec3;
 
 /// Smoke: a density grid with coefficients.
 #[derive(Debug)]
 pub struct Medium {
     grid: DensityGrid,
     majorants: MajorantGrid,
-    /// Extinction coefficient of density 1 [1/m], ≥ 0.
+    /// Extinction coefficient of density 1 [1/m], ≥ 0; of the channel that has most.
     extinction: f32,
+    /// Where extinction has a colour, that of each channel over the largest.
+    pub tint: Option<Vec3>,
     /// Light that density 1 gives off [W/(m³ sr)], each channel ≥ 0.
     pub emission: Rgb,
+    /// Light that it gives off besides in red, green and blue [W/(m³ sr)]; 0 where there is no density.
+    pub glow: Option<[DensityGrid; 3]>,
     /// Share of the extinction that scatters, each channel in [0, 1].
     pub albedo: Rgb,
     /// Directions of scattering.
@@ -24,13 +29,13 @@ pub struct Medium {
 }
 
 impl Medium {
-    /// Smoke with `sigma_t = extinction · density` [1/m], which gives off no light.
+    /// Smoke with `sigma_t = extinction · density` [1/m], without a tint, which gives off no light.
     pub fn new(grid: DensityGrid, extinction: f32, albedo: Rgb, phase: Phase) -> Self {
         let majorants = MajorantGrid::new(&grid);
-        Self { grid, majorants, extinction, emission: Rgb::ZERO, albedo, phase }
+        Self { grid, majorants, extinction, tint: None, emission: Rgb::ZERO, glow: None, albedo, phase }
     }
 
-    /// Extinction coefficient [1/m] at `p`.
+    /// Extinction coefficient [1/m] at `p`, of the channel that has most.
     #[inline]
     pub fn sigma_t(&self, p: IndexPoint) -> f32 {
         self.extinction * self.grid.density_at(p)
@@ -59,6 +64,12 @@ impl Medium {
     #[inline]
     pub fn extinction(&self) -> f32 {
         self.extinction
+    }
+
+    /// Whether it gives off light.
+    #[inline]
+    pub fn glows(&self) -> bool {
+        self.emission != Rgb::ZERO || self.glow.is_some()
     }
 
     /// The density itself.

@@ -3,8 +3,11 @@
 //! This file turns settings into camera, lights and media; `integrator.rs` traces paths, `tiles.rs` takes pictures.
 
 pub mod adaptive;
+pub mod blackbody;
 pub mod camera;
+pub mod chroma;
 pub mod color;
+pub mod cryptomatte;
 pub mod dense;
 pub mod environment;
 pub mod film;
@@ -116,6 +119,14 @@ pub enum RenderError {
         what: &'static str,
         /// Its value: extinction coefficient or emission of density 1 [1/m, W/(m³ sr)].
         factor: f64,
+    },
+    /// Smoke too hot for single precision.
+    #[error(
+        "hot smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower smoke.blackbody.gain or its temperature"
+    )]
+    TooHot {
+        /// Most that it gives off [W/(m³ sr)].
+        light: f32,
     },
     /// The ray-tracing scene cannot be built.
     #[error(transparent)]
@@ -372,11 +383,30 @@ pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Result<Option<Medium>, 
             return Err(RenderError::TooDense { density, what, factor });
         }
     }
-    let settings::Phase::HenyeyGreenstein { g } = medium.phase;
-    let phase = Phase::HenyeyGreenstein { g: g as f32 };
-    let mut built = Medium::new(grid, medium.extinction as f32, vec3(medium.albedo), phase);
+    let phase = match medium.phase {
+        settings::Phase::Isotropic => Phase::HenyeyGreenstein { g: 0.0 },
+        settings::Phase::HenyeyGreenstein { g } => Phase::HenyeyGreenstein { g: g as f32 },
+        settings::Phase::TwoLobes { g1, g2, share } => Phase::two_lobes([g1 as f32, g2 as f32], share as f32),
+        settings::Phase::Droplets { diameter_um } => Phase::droplets(diameter_um),
+    };
+    let most = medium.extinction_tint.iter().copied().fold(0.0, f64::max);
+    let mut built = Medium::new(grid, (medium.extinction * most) as f32, vec3(medium.albedo), phase);
+    built.tint = medium.is_tinted().then(|| vec3(medium.extinction_tint.map(|factor| factor / most)));
     built.emission = vec3(medium.emission);
     Ok(Some(built))
+}
+
+/// Lets smoke give off light besides: red, green and blue [W/(m³ sr)].
+///
+/// # Errors
+/// [`RenderError::TooHot`] where that passes [`SIGMA_MAX`].
+pub fn kindle(medium: &mut Medium, glow: [DensityGrid; 3]) -> Result<(), RenderError> {
+    let light = glow.iter().map(DensityGrid::max_density).fold(0.0, f32::max);
+    if f64::from(light) > SIGMA_MAX {
+        return Err(RenderError::TooHot { light });
+    }
+    medium.glow = Some(glow);
+    Ok(())
 }
 
 /// How frame `frame` is taken; `crop` renders a part of it.
@@ -443,6 +473,7 @@ fn layers(settings: &settings::Settings) -> Vec<Layer> {
             Aov::VolumeDepth => vec![Layer::VolumeDepth],
             Aov::Passages => Passage::ALL.map(Layer::Light).into(),
             Aov::LightGroups => group_layers(&settings.light_groups()),
+            Aov::Cryptomatte => vec![Layer::Cryptomatte(settings.shapes.keys().cloned().collect())],
             Aov::Bounces => vec![Layer::Bounces],
             Aov::Samples => vec![Layer::Samples],
         };

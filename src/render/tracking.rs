@@ -9,8 +9,11 @@ use crate::geometry::embree::Ray;
 use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::Segment;
 use crate::math::hash::CounterRng;
+use crate::render::chroma::Chroma;
+use crate::render::color::Rgb;
 use crate::render::dense::{self, Crossing};
 use crate::render::medium::Medium;
+use glam::Vec3;
 
 /// Transmittance below which a shadow ray plays roulette: lower wastes steps behind thick smoke, higher adds noise to
 /// thin shadows.
@@ -33,13 +36,27 @@ pub enum Event {
 }
 
 /// Samples where light that starts at the ray's origin first meets smoke before `t_max` [m]; `u` in [0, 1) decides the
-/// first optical distance and `stream` everything after.
-pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: &mut CounterRng) -> Event {
+/// first optical distance and `stream` everything after. In smoke with a tint `chroma` says which channel decides, and
+/// notes how likely the way is for each.
+pub fn sample_collision(
+    medium: &Medium,
+    ray: &Ray,
+    t_max: f32,
+    u: f32,
+    stream: &mut CounterRng,
+    mut chroma: Option<&mut Chroma>,
+) -> Event {
     let mut flight = Flight { tau_left: optical_distance(u) };
     let line = medium.ray_to_index(ray);
     for segment in medium.majorants(ray, t_max) {
         let mut piece = Piece::new(medium, line, &segment);
         if piece.is_dense() {
+            if let Some(chroma) = chroma.as_deref_mut() {
+                if let Some(t) = cross_in_color(&piece, &mut flight, chroma) {
+                    return Event::Collision { t };
+                }
+                continue;
+            }
             match piece.cross(f64::from(flight.tau_left)) {
                 Crossing::Collision(t) => return Event::Collision { t: t as f32 },
                 // The difference of two large numbers may round below 0.
@@ -48,13 +65,84 @@ pub fn sample_collision(medium: &Medium, ray: &Ray, t_max: f32, u: f32, stream: 
             continue;
         }
         while let Some(share) = flight.next_candidate(&mut piece) {
-            if stream.uniform() < share {
+            let hero_share = chroma.as_ref().map_or(share, |chroma| share * chroma.hero_ratio());
+            if stream.uniform() < hero_share {
+                if let Some(chroma) = chroma {
+                    chroma.collide();
+                }
                 return Event::Collision { t: piece.t as f32 };
+            }
+            if let Some(chroma) = chroma.as_deref_mut() {
+                chroma.pass(share);
             }
             flight.tau_left = optical_distance(stream.uniform());
         }
     }
     Event::Escape
+}
+
+/// Crosses a dense piece by the optical depth of the channel that decides; the distance where it ends there [m].
+#[cold]
+fn cross_in_color(piece: &Piece, flight: &mut Flight, chroma: &mut Chroma) -> Option<f32> {
+    let ratio = chroma.hero_ratio();
+    // The optical distance left counts for the channel of largest extinction; nothing stops a channel without any.
+    let left = if ratio > 0.0 { f64::from(flight.tau_left / ratio) } else { f64::INFINITY };
+    match piece.cross(left) {
+        Crossing::Collision(t) => {
+            chroma.pass_exactly(left as f32);
+            chroma.collide();
+            Some(t as f32)
+        }
+        Crossing::Through(tau) => {
+            chroma.pass_exactly(tau as f32);
+            flight.tau_left = (flight.tau_left - tau as f32 * ratio).max(0.0);
+            None
+        }
+    }
+}
+
+/// As [`estimate_transmittance`], for each channel of smoke with a tint: `ratios` are the extinctions over the largest.
+pub fn estimate_tinted_transmittance(
+    medium: &Medium,
+    ratios: Vec3,
+    ray: &Ray,
+    t_max: f32,
+    stream: &mut CounterRng,
+) -> Rgb {
+    let mut transmittance = Vec3::ONE;
+    let line = medium.ray_to_index(ray);
+    let mut flight = Flight { tau_left: optical_distance(stream.uniform()) };
+    for segment in medium.majorants(ray, t_max) {
+        let mut piece = Piece::new(medium, line, &segment);
+        if piece.is_dense() {
+            if let Crossing::Through(tau) = piece.cross(f64::INFINITY) {
+                transmittance *= (ratios * -tau as f32).exp();
+            }
+            if !survives_in_color(&mut transmittance, stream) {
+                return Vec3::ZERO;
+            }
+            continue;
+        }
+        while let Some(share) = flight.next_candidate(&mut piece) {
+            transmittance *= Vec3::ONE - share * ratios;
+            if !survives_in_color(&mut transmittance, stream) {
+                return Vec3::ZERO;
+            }
+            flight.tau_left = optical_distance(stream.uniform());
+        }
+    }
+    transmittance
+}
+
+/// Plays roulette for the largest channel, the others keeping their ratios to it.
+fn survives_in_color(transmittance: &mut Rgb, stream: &mut CounterRng) -> bool {
+    let largest = transmittance.max_element();
+    let mut kept = largest;
+    if !survives(&mut kept, stream) {
+        return false;
+    }
+    *transmittance *= kept / largest;
+    true
 }
 
 /// An unbiased estimate, in [0, 1], of the transmittance from the ray's origin to distance `t_max` [m].

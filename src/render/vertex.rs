@@ -103,8 +103,9 @@ impl Vertex<'_> {
                 out.first = FirstEvent::Smoke;
                 out.albedo = medium.albedo;
             }
-            Vertex::Surface { normal, bsdf, .. } => {
+            Vertex::Surface { hit, normal, bsdf, .. } => {
                 out.first = FirstEvent::Surface;
+                out.shape_idx = Some(hit.shape_idx);
                 out.normal = normal.as_vec3();
                 out.albedo = bsdf.albedo();
             }

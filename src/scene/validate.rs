@@ -6,7 +6,7 @@ use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
     Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Material, Output, Part,
-    Potential, Settings, Shape, Torus, Vec3,
+    Potential, Settings, Shape, Smoke, Torus, Vec3,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -374,7 +374,7 @@ impl<'s> Check<'s, '_, '_> {
         let glows = self.settings.shapes.values().any(|shape| {
             let Material::Diffuse(diffuse) = &shape.material;
             shape.visible && !diffuse.emission.is_black()
-        }) || self.settings.smoke.as_ref().is_some_and(|smoke| smoke.medium.glows());
+        }) || self.settings.smoke.as_ref().is_some_and(Smoke::glows);
         if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";
             self.error_help("lights", "lights", "without a light the picture is black", help);

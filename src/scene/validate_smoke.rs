@@ -67,13 +67,36 @@ impl Check<'_, '_, '_> {
         if let Some(file) = &smoke.file {
             self.density_file(&file.path);
         }
-        let Phase::HenyeyGreenstein { g } = smoke.medium.phase;
-        if g.abs() > G_SENSIBLE {
-            let message = format!("|g| above {G_SENSIBLE} is very noisy");
-            let help = "smoke looks right from 0 to 0.8";
-            self.warning("smoke.medium.phase.henyey_greenstein.g", "smoke.medium", message, help);
+        let lobes: &[(&str, f64)] = match smoke.medium.phase {
+            Phase::Isotropic | Phase::Droplets { .. } => &[],
+            Phase::HenyeyGreenstein { g } => &[("henyey_greenstein.g", g)],
+            Phase::TwoLobes { g1, g2, .. } => &[("two_lobes.g1", g1), ("two_lobes.g2", g2)],
+        };
+        for (key, g) in lobes {
+            if g.abs() > G_SENSIBLE {
+                let message = format!("|g| above {G_SENSIBLE} is very noisy");
+                let help = "smoke looks right from 0 to 0.8";
+                self.warning(&format!("smoke.medium.phase.{key}"), "smoke.medium", message, help);
+            }
         }
-        if !smoke.medium.glows() {
+        if smoke.blackbody.is_some() && smoke.medium.albedo.iter().all(|&albedo| albedo == 1.0) {
+            let message = "smoke of albedo 1 absorbs nothing, and so does not glow";
+            self.warning("smoke.blackbody", "smoke.medium", message, "lower `smoke.medium.albedo`");
+        }
+        if let Some(remap) = &smoke.remap {
+            let [low, high] = remap.in_range;
+            if low >= high {
+                let message =
+                    format!("the lowest density, {}, is not below the highest, {}", decimal(low), decimal(high));
+                self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
+            }
+        }
+        if smoke.glows() && smoke.medium.is_tinted() {
+            let message = "smoke that glows cannot have `extinction_tint`";
+            let help = "make the three factors equal, or remove what glows, `emission` and `blackbody`";
+            self.error_help("smoke.medium.extinction_tint", "smoke.medium", message, help);
+        }
+        if !smoke.glows() {
             self.visibility(smoke);
         }
     }

@@ -83,6 +83,9 @@ pub enum Aov {
     /// Light by groups of sources: `light_emission` of glowing surfaces and smoke, `light_other` of lights without a group, and
     /// `light_NAME` for each `group`. Layers whose sum is the picture.
     LightGroups,
+    /// Masks of shapes by name, for compositing programs that know Cryptomatte: the six shapes that cover most of a pixel, smoke
+    /// before them taking its share. Channels CryptoObject00.R to CryptoObject02.A.
+    Cryptomatte,
     /// Scatterings of a path, on average. Channel bounces.
     Bounces,
     /// Paths of the pixel: differ with `film.noise_target`. Channel samples.
@@ -96,6 +99,7 @@ impl Aov {
             Self::Depth | Self::ShapeId | Self::Transmittance | Self::Bounces | Self::Samples => 1,
             Self::Position | Self::Normal | Self::Albedo | Self::Variance | Self::VolumeDepth => 3,
             Self::Passages => 18,
+            Self::Cryptomatte => 12,
             Self::LightGroups => 3 * (group_count + 2),
         }
     }

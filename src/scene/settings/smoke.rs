@@ -20,6 +20,12 @@ pub struct Smoke {
     /// Density from a .vdb file instead.
     #[serde(default)]
     pub file: Option<DensityFile>,
+    /// Hot smoke, which glows. Default cold.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blackbody: Option<Blackbody>,
+    /// Changes the density, of particles or of a file, before it is lit or baked. Default as it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remap: Option<Remap>,
     /// What the smoke does to light.
     #[serde(default)]
     pub medium: Medium,
@@ -27,6 +33,13 @@ pub struct Smoke {
     /// of the picture and not the smoke, for comparing and averaging (docs/verbs.md). Default `render.seed`.
     #[serde(default)]
     pub seed: Option<u64>,
+}
+
+impl Smoke {
+    /// Whether it gives off light.
+    pub fn glows(&self) -> bool {
+        self.medium.glows() || self.blackbody.is_some()
+    }
 }
 
 /// A source of particles: exactly one of `point`, `disk`, `sphere`, `box`, `mesh`; and either `rate` or `count`.
@@ -216,6 +229,75 @@ pub struct DensityFile {
     /// Name of the grid in it. Default density.
     #[serde(default = "density_name")]
     pub density: String,
+    /// Name of the grid of temperatures in it, for `smoke.blackbody`. Default temperature.
+    #[serde(default = "temperature_name", skip_serializing_if = "is_temperature_name")]
+    pub temperature: String,
+}
+
+fn temperature_name() -> String {
+    "temperature".into()
+}
+
+fn is_temperature_name(name: &String) -> bool {
+    name == "temperature"
+}
+
+/// Light of hot smoke, as much as physics says: what absorbs light, `extinction · (1 − albedo)`, gives off as much at its
+/// temperature as a black body. Smoke of albedo 1 does not glow.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Blackbody {
+    /// Temperature of particles when they are born [K]: embers have 1000, a candle 1900. Default 1500.
+    #[schemars(range(min = 0.0, max = 20000.0))]
+    pub temperature: f64,
+    /// After this time the difference of a particle's temperature from `ambient` is 1/e of what it was [s]. Default 0.5.
+    #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
+    pub cooling_time: f64,
+    /// Temperature that particles cool down to [K]. Default 300.
+    #[schemars(range(min = 0.0, max = 20000.0))]
+    pub ambient: f64,
+    /// Of a file: factor that makes its numbers kelvin. Default 1.
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub scale: f64,
+    /// Of a file: what is added to them then [K]. Default 0.
+    #[schemars(range(min = -20000.0, max = 20000.0))]
+    pub offset: f64,
+    /// Factor on the light: real fire is a hundred times as bright as lights whose numbers are about 1. Default 0.01.
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub gain: f64,
+}
+
+impl Default for Blackbody {
+    fn default() -> Self {
+        Self { temperature: 1500.0, cooling_time: 0.5, ambient: 300.0, scale: 1.0, offset: 0.0, gain: 0.01 }
+    }
+}
+
+/// A new density for each: `out · ((density − low)/(high − low))^gamma`, 0 below `low` and `out` above `high`. What hot smoke
+/// (`blackbody`) gives off is that of the density before.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Remap {
+    /// Lowest and highest density that are told apart: haze below the first vanishes, lumps above the second are even.
+    #[schemars(inner(range(min = 0.0, max = 1e9)))]
+    pub in_range: [f64; 2],
+    /// What the highest becomes. Default high − low.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e9))]
+    pub out: Option<f64>,
+    /// Above 1 thin smoke gets thinner and edges softer, below 1 it thickens. Default 1.
+    #[serde(default = "one")]
+    #[schemars(range(min = 0.05, max = 20.0))]
+    pub gamma: f64,
+}
+
+impl Remap {
+    /// The new density.
+    pub fn apply(&self, density: f32) -> f32 {
+        let [low, high] = self.in_range;
+        let share = ((f64::from(density) - low) / (high - low)).clamp(0.0, 1.0);
+        (self.out.unwrap_or(high - low) * share.powf(self.gamma)) as f32
+    }
 }
 
 /// What the smoke does to light.
@@ -225,6 +307,11 @@ pub struct Medium {
     /// Extinction coefficient of density 1 [1/m]. Default 10.
     #[schemars(range(min = 0.0, max = 1e9))]
     pub extinction: f64,
+    /// Factors on the extinction for red, green and blue, 0 to 1: smoke against the light is brown at [0.6, 0.8, 1], whatever
+    /// its albedo. Not with `emission`. Default white, which is also the fastest.
+    #[serde(skip_serializing_if = "is_white")]
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub extinction_tint: Rgb,
     /// Share of the extinction that scatters, 0 to 1. Default 0.9.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub albedo: Rgb,
@@ -237,11 +324,22 @@ pub struct Medium {
     pub emission: Rgb,
 }
 
+const WHITE: Rgb = [1.0; 3];
+
+fn is_white(color: &Rgb) -> bool {
+    *color == WHITE
+}
+
 fn is_black(color: &Rgb) -> bool {
     *color == [0.0; 3]
 }
 
 impl Medium {
+    /// Whether the extinction has a colour.
+    pub fn is_tinted(&self) -> bool {
+        self.extinction_tint.iter().any(|&factor| factor != self.extinction_tint[0])
+    }
+
     /// Whether the smoke gives off light.
     pub fn glows(&self) -> bool {
         !is_black(&self.emission)
@@ -250,7 +348,13 @@ impl Medium {
 
 impl Default for Medium {
     fn default() -> Self {
-        Self { extinction: 10.0, albedo: [0.9; 3], phase: Phase::HenyeyGreenstein { g: 0.0 }, emission: [0.0; 3] }
+        Self {
+            extinction: 10.0,
+            extinction_tint: WHITE,
+            albedo: [0.9; 3],
+            phase: Phase::HenyeyGreenstein { g: 0.0 },
+            emission: [0.0; 3],
+        }
     }
 }
 
@@ -258,10 +362,30 @@ impl Default for Medium {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum Phase {
+    /// Alike in all directions.
+    Isotropic,
     /// Henyey and Greenstein 1941.
     HenyeyGreenstein {
         /// Mean cosine between the directions of travel before and after: 0 is isotropic, above 0 forward.
         #[schemars(range(min = -0.99, max = 0.99))]
         g: f64,
+    },
+    /// Two of them: a bright rim against the light and some light thrown back.
+    TwoLobes {
+        /// Mean cosine of the first lobe.
+        #[schemars(range(min = -0.99, max = 0.99))]
+        g1: f64,
+        /// Mean cosine of the second lobe.
+        #[schemars(range(min = -0.99, max = 0.99))]
+        g2: f64,
+        /// Share of the first.
+        #[schemars(range(min = 0.0, max = 1.0))]
+        share: f64,
+    },
+    /// Water droplets, of steam, fog and clouds (Jendersie and d'Eon 2023): a very sharp peak forwards, some light backwards.
+    Droplets {
+        /// Diameter of the droplets [µm]. Fog has about 10, clouds 20.
+        #[schemars(range(min = 5.0, max = 50.0))]
+        diameter_um: f64,
     },
 }

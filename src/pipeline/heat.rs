@@ -1,0 +1,89 @@
+//! The light that hot smoke gives off, as grids of red, green and blue.
+//!
+//! Each particle glows with its own temperature, so what particles give off is splatted as their mass is; temperatures are never
+//! averaged. Of files the product of density and black body's radiance is taken at every voxel of the density.
+
+use crate::grid::splat::{SplatInput, SplatSettings, splat};
+use crate::grid::{BRICK_EDGE, BrickValues, DensityGrid, GridError, local_voxel};
+use crate::math::space::WorldPoint;
+use crate::particles::Particles;
+use crate::render::blackbody::Blackbody;
+use crate::scene::settings;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Light that density 1 gives off at a temperature [W/(m³ sr)].
+pub(super) struct Heat {
+    table: Blackbody,
+    settings: settings::Blackbody,
+    /// Absorption coefficients of density 1 [1/m] times the gain.
+    factor: Vec3,
+}
+
+impl Heat {
+    /// Of smoke that has a temperature.
+    pub(super) fn new(smoke: &settings::Smoke) -> Option<Self> {
+        let settings = smoke.blackbody?;
+        let medium = &smoke.medium;
+        let factor = medium.albedo.map(|albedo| (settings.gain * medium.extinction * (1.0 - albedo)) as f32);
+        Some(Self { table: Blackbody::new(), settings, factor: Vec3::from(factor) })
+    }
+
+    fn at(&self, kelvin: f32) -> Vec3 {
+        self.factor * self.table.at(kelvin)
+    }
+
+    /// What particles give off, splatted as their mass is.
+    pub(super) fn of_particles(
+        &self,
+        particles: &Particles,
+        input: &SplatInput,
+        settings: &SplatSettings,
+    ) -> Result<[DensityGrid; 3], GridError> {
+        let Self { settings: heat, .. } = self;
+        let light: Vec<Vec3> = particles
+            .age
+            .par_iter()
+            .zip(&particles.mass)
+            .map(|(&age, &mass)| {
+                let cooled = (-f64::from(age) / heat.cooling_time).exp();
+                let kelvin = heat.ambient + (heat.temperature - heat.ambient) * cooled;
+                mass * self.at(kelvin as f32)
+            })
+            .collect();
+        try_channels(|channel| {
+            let mass: Vec<f32> = light.iter().map(|light| light[channel]).collect();
+            Ok(splat(&SplatInput { mass: &mass, ..*input }, settings)?.grid)
+        })
+    }
+
+    /// What the density of a file gives off at the temperatures of another grid.
+    pub(super) fn of_grids(
+        &self,
+        density: &DensityGrid,
+        temperature: &DensityGrid,
+        memory_limit: u64,
+    ) -> Result<[DensityGrid; 3], GridError> {
+        let (scale, offset) = (self.settings.scale as f32, self.settings.offset as f32);
+        let (coords, densities): (Vec<_>, Vec<BrickValues>) = density.occupied_bricks().unzip();
+        let h = f64::from(density.voxel_size());
+        try_channels(|channel| {
+            let values: Vec<BrickValues> = coords
+                .par_iter()
+                .zip(&densities)
+                .map(|(&brick, densities)| {
+                    std::array::from_fn(|i| {
+                        let voxel = (brick * BRICK_EDGE as i32 + local_voxel(i).as_ivec3()).as_dvec3();
+                        let middle = WorldPoint((density.origin() + (voxel + 0.5) * h).as_vec3());
+                        densities[i] * self.at(scale * temperature.density(middle) + offset)[channel]
+                    })
+                })
+                .collect();
+            DensityGrid::from_bricks(density.origin(), density.voxel_size(), &coords, &values, memory_limit)
+        })
+    }
+}
+
+fn try_channels<E>(mut grid: impl FnMut(usize) -> Result<DensityGrid, E>) -> Result<[DensityGrid; 3], E> {
+    Ok([grid(0)?, grid(1)?, grid(2)?])
+}
