@@ -31,8 +31,11 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
+/// Measures the rows of a group.
+type Rows = fn(&mut Report);
+
 /// What is verified, by the word that picks it on the command line.
-const GROUPS: [(&str, fn(&mut Report)); 9] = [
+const GROUPS: [(&str, Rows); 9] = [
     ("extinction", extinction::rows),
     ("furnaces", furnaces::rows),
     ("single_scattering", single_scattering::rows),
