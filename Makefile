@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery flow-pictures paper-tables refs bench
+.PHONY: plume test gallery flow-pictures paper-tables verification refs bench
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -45,6 +45,11 @@ flow-pictures:
 # docs/paper-tables.md and its pictures: minutes of all processors.
 paper-tables:
 	cargo run --release --quiet --example paper_tables
+
+# docs/verification.md: light transport against known answers; fails where one is off. Minutes of all processors.
+verification:
+	./bootstrap.sh
+	cargo run --release --quiet --example verification
 
 # Remakes the references of the image tests: make refs REASON="what changed, and why the pictures should"
 refs:

@@ -4,8 +4,81 @@
 # Looked for, in the order in which the program looks: $EMBREE_DIR, .embree/ of this checkout, the loader's own
 # search, the usual prefixes. Where there is none, the library is taken out of a Python wheel (pinned version and
 # checksum; nothing is installed) into .embree/, which git ignores.
+#
+# With --denoiser it does the same for Open Image Denoise 2, into .oidn/, which `curlsmoke denoise` alone needs, and
+# nothing else.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
+
+fetch_denoiser() {
+    local package=pyoidn version=2.5.1.0 folder=.oidn platform checksum library=libOpenImageDenoise.so
+    local by_hand="install Open Image Denoise 2 yourself (from openimagedenoise.org; macOS: brew install open-image-denoise) or set OIDN_DIR to a folder that holds it"
+    refuse() {
+        echo "bootstrap: $*; $by_hand" >&2
+        exit 1
+    }
+    case "$(uname -s)-$(uname -m)" in
+    Linux-x86_64)
+        platform=manylinux2014_x86_64
+        checksum=32ad13368f8de1ef63001942ad05b02a00cd732d1206d97f352d3a3f606d823e
+        ;;
+    Darwin-arm64)
+        platform=macosx_12_0_arm64 library=libOpenImageDenoise.dylib
+        checksum=ed803c20333d37873678d69abf1e3546e89dbaf4639408b7c92173e11b6355cb
+        ;;
+    Darwin-x86_64)
+        platform=macosx_10_15_x86_64 library=libOpenImageDenoise.dylib
+        checksum=c9d366e448c7a99ef54b936806ef2e6ae1e1383b0a3ba08f5509a39553fa03c2
+        ;;
+    *) refuse "no ready-made Open Image Denoise is known for $(uname -s) on $(uname -m)" ;;
+    esac
+    if [ -e "$folder/$package-$version.ok" ] && [ -e "$folder/$library" ]; then return; fi
+    python3 -m pip --version >/dev/null 2>&1 || refuse "python3 with pip is needed to fetch Open Image Denoise"
+    echo "bootstrap: fetching $package $version into $folder/" >&2
+    download="$(mktemp -d "${TMPDIR:-/tmp}/curlsmoke-oidn.XXXXXX")"
+    partial=".oidn.$$.tmp"
+    trap 'rm -rf "$download" "$partial"' EXIT
+    python3 -m pip --disable-pip-version-check --no-input download --quiet --no-deps --only-binary=:all: \
+        --python-version 3.11 --implementation cp --platform "$platform" --dest "$download" "$package==$version" >&2 ||
+        refuse "pip could not fetch $package $version (its message is above)"
+    mkdir "$partial"
+    # Checked before anything is unpacked. Of the wheel only what the processor's own device needs is kept; links that
+    # wheels hold as copies stay copies.
+    python3 - "$download" "$checksum" "$partial" "$library" <<'PYTHON' || refuse "the downloaded $package $version was not unpacked; nothing was changed"
+import hashlib, os, re, sys, zipfile
+from pathlib import Path
+
+folder, checksum, target, library = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]), sys.argv[4]
+wheel = next(folder.glob("*.whl"))
+found = hashlib.sha256(wheel.read_bytes()).hexdigest()
+if found != checksum:
+    sys.exit(f"bootstrap: wrong checksum of {wheel.name}: sha256 is {found}, expected {checksum}")
+with zipfile.ZipFile(wheel) as archive:
+    for name in archive.namelist():
+        base = os.path.basename(name)
+        is_library = re.match(r"lib(OpenImageDenoise(_core|_device_cpu)?|tbb)[.0-9]*\.(so|dylib)", base)
+        if is_library or re.search(r"licen[cs]e", base, re.IGNORECASE):
+            (target / base).write_bytes(archive.read(name))
+            (target / base).chmod(0o755)
+if not (target / library).exists():
+    sys.exit(f"bootstrap: {wheel.name} holds no {library}")
+PYTHON
+    touch "$partial/$package-$version.ok"
+    rm -rf "$folder"
+    mv "$partial" "$folder"
+}
+
+case "${1:-}" in
+"") ;;
+--denoiser)
+    fetch_denoiser
+    exit 0
+    ;;
+*)
+    echo "bootstrap: unknown argument $1; known is --denoiser" >&2
+    exit 2
+    ;;
+esac
 
 # The wheel carries Embree 4.4.0 and the threading library it needs.
 package=embreex

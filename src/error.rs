@@ -9,12 +9,15 @@ use crate::grid::GridError;
 use crate::grid::vdb::{VdbError, VdbProblem};
 use crate::inspect::InspectError;
 use crate::output::OutputError;
+use crate::output::denoise::DenoiseError;
 use crate::output::frames::FramesError;
+use crate::output::oidn::OidnError;
 use crate::particles::ParticlesError;
 use crate::render::RenderError;
 use crate::scene::diagnostic::Fault;
 use crate::scene::pattern::PatternError;
 use crate::scene::{PlaceInScene, SceneError};
+use std::path::PathBuf;
 
 /// Why a command ended early.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +49,14 @@ pub enum Error {
     /// Looking at the flow.
     #[error(transparent)]
     Inspect(#[from] InspectError),
+    /// Denoising a picture.
+    #[error("{path}: {source}", path = path.display())]
+    Denoise {
+        /// The picture.
+        path: PathBuf,
+        /// What happened.
+        source: DenoiseError,
+    },
     /// What a stage met, with where the scene says so.
     #[error("{place}{}{source}", frame.map(|f| format!("frame {f}: ")).unwrap_or_default())]
     InScene {
@@ -100,6 +111,9 @@ impl Error {
             Error::Render(e) => render_exit_code(e),
             Error::Cancelled | Error::Internal(_) => 1,
             Error::Output(e) => output_exit_code(e),
+            Error::Denoise { source: DenoiseError::Oidn(OidnError::Load(_)), .. } => 4,
+            Error::Denoise { source: DenoiseError::Oidn(_), .. } => 1,
+            Error::Denoise { .. } => 3,
             Error::InScene { source, .. } => source.exit_code(),
             Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
             Error::Inspect(_) => 3,

@@ -140,7 +140,7 @@ fn hot_smoke_shines_as_a_black_body_where_it_is_thick() {
 camera: {{position: [0, 0, 5], look_at: [0, 0, 0], vertical_fov_deg: 2}}
 film: {{resolution: [4, 4], spp: 64}}
 smoke:
-  emitters: [{{sphere: {{center: [0, 0, 0], radius: 0.5}}, count: 20000, mass: 1, lifetime: 10}}]
+  emitters: [{{sphere: {{center: [0, 0, 0], radius: 0.5}}, count: 20000, mass: 1, start: -5, lifetime: 10}}]
   grid: {{voxel_size: 0.05, kernel_radius: 0.15}}
   blackbody: {{temperature: 1800, cooling_time: 1000000, gain: 0.5}}
   medium: {{extinction: {extinction}, albedo: [0, 0, 0]}}

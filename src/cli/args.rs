@@ -42,6 +42,11 @@ pub enum Verb {
         after_help = "Example: curlsmoke compare out/ring.exr refs/ring.mean.exr --mode stat --heat-map heat.png"
     )]
     Compare(CompareArguments),
+    /// Take the noise out of a rendered picture, with Intel's Open Image Denoise; keeps what was rendered
+    #[command(
+        after_help = "Example: curlsmoke denoise out/ring.exr -o out/ring.denoised.exr --preview out/ring.denoised.png"
+    )]
+    Denoise(DenoiseArguments),
     /// Look at the flow of a scene without smoke
     #[command(subcommand, after_help = "Example: curlsmoke flow slice scenes/plume.yaml -o out/flow")]
     Flow(FlowVerb),
@@ -334,6 +339,31 @@ pub struct CompareArguments {
     /// Write how bad each pixel is, to .exr (numbers) or .png (colours); repeatable
     #[arg(long, value_name = "FILE")]
     pub heat_map: Vec<PathBuf>,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// Flags of `denoise`.
+#[derive(Debug, Args)]
+pub struct DenoiseArguments {
+    /// The picture (.exr), best with layers of albedo and normal (output.aovs)
+    pub image: PathBuf,
+    /// The picture with a layer more: all channels of the first, and denoised.R, .G, .B
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Also a .png of the denoised colours
+    #[arg(long, value_name = "FILE")]
+    pub preview: Option<PathBuf>,
+    /// Make R, G and B the denoised ones; those that were rendered become noisy.R, .G, .B
+    #[arg(long)]
+    pub replace: bool,
+    /// Denoise albedo and normal first: for few paths a pixel, blur of motion or lens
+    #[arg(long)]
+    pub prefilter: bool,
+    /// Threads [default: one for each processor]
+    #[arg(short = 'j', long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,

@@ -5,6 +5,7 @@ pub mod args;
 mod bake;
 mod check;
 mod compare;
+mod denoise;
 mod flow;
 mod frames;
 mod places;
@@ -51,6 +52,7 @@ pub fn run() -> u8 {
         Verb::Schema => check::schema(),
         Verb::Bake(arguments) => bake::run(&arguments),
         Verb::Compare(arguments) => compare::run(&arguments),
+        Verb::Denoise(arguments) => denoise::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),
         Verb::Warp(arguments) => warp::run(&arguments),

@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod compare;
+pub mod denoise;
 pub mod exr;
 pub mod file;
 pub mod film_image;
@@ -9,6 +10,7 @@ pub mod frames;
 pub mod hdr;
 pub mod heat_map;
 pub mod image;
+pub mod oidn;
 pub mod png;
 pub mod sidecar;
 

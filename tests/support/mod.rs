@@ -70,6 +70,17 @@ pub fn estimate(
     seed: u64,
     ray: impl Fn(usize) -> Ray + Sync,
 ) -> Estimate {
+    estimate_each(stage, medium, count, seed, |block, _| ray(block))
+}
+
+/// As [`estimate`], where the ray is `ray(block, i)` for each path of a block.
+pub fn estimate_each(
+    stage: &Stage,
+    medium: Option<&Medium>,
+    count: usize,
+    seed: u64,
+    ray: impl Fn(usize, u32) -> Ray + Sync,
+) -> Estimate {
     const BLOCK: usize = 4096;
     let view = render::build_view(&stage.scene, 1, None);
     let integrator = Integrator { world: &stage.world, medium, limits: view.limits };
@@ -81,7 +92,7 @@ pub fn estimate(
             let sum: f64 = (0..BLOCK as u32)
                 .map(|i| {
                     let mut sampler = Sampler::new(Seed(seed), block as u32, 0, i);
-                    f64::from(integrator.trace(ray(block), &mut sampler, &mut counts).radiance.x)
+                    f64::from(integrator.trace(ray(block, i), &mut sampler, &mut counts).radiance.x)
                 })
                 .sum();
             // Tests of single scattering cut on purpose; what is cut comes after the one direct connection they want.
