@@ -5,8 +5,7 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Material, Output, Part, Potential, Settings, Shape,
-    Torus, Vec3,
+    Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Output, Part, Potential, Settings, Shape, Torus, Vec3,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -350,10 +349,8 @@ impl<'s> Check<'s, '_, '_> {
     fn lights(&mut self) {
         let lights = &self.settings.lights;
         let has_unknown_section = self.mended.iter().any(|path| !path.contains(['.', '[']));
-        let glows = self.settings.shapes.values().any(|shape| {
-            let Material::Diffuse(diffuse) = &shape.material;
-            shape.visible && !diffuse.emission.is_black()
-        }) || self.settings.smoke.as_ref().is_some_and(|smoke| smoke.medium.glows());
+        let glows = self.settings.shapes.values().any(|shape| shape.visible && !shape.material.emission().is_black())
+            || self.settings.smoke.as_ref().is_some_and(|smoke| smoke.medium.glows());
         if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";
             self.error_help("lights", "lights", "without a light the picture is black", help);
