@@ -94,7 +94,7 @@ fn flights(report: &mut Report) {
         let mut rng = CounterRng::new(Seed(6).derive(i as u64));
         for _ in 0..SAMPLES {
             let u = rng.uniform();
-            let cell = match sample_collision(&medium, &beam, 10.0, u, &mut rng) {
+            let cell = match sample_collision(&medium, &beam, 10.0, u, &mut rng, None) {
                 Event::Collision { t } => {
                     let share = -(-depth(f64::from(t))).exp_m1() / (1.0 - escape);
                     ((share * CELLS as f64) as usize).min(CELLS - 1)

@@ -7,9 +7,9 @@ use crate::skies;
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::math::statistics::chi_square_test;
+use curlsmoke::render::bsdf::Bsdf;
 use curlsmoke::render::filter::Filter;
 use curlsmoke::render::light::{Light, Rectangle, Sphere};
-use curlsmoke::render::material::Bsdf;
 use curlsmoke::render::phase::Phase;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -43,7 +43,12 @@ pub fn rows(report: &mut Report) {
         );
     }
     let diffuse = Bsdf::Diffuse { reflectance: Vec3::splat(0.5) };
-    sphere(report, "diffuse surface", |u| Some(diffuse.sample(before, u).direction), |d| axis.dot(d).max(0.0) / PI);
+    sphere(
+        report,
+        "diffuse surface",
+        |u| diffuse.sample(before, -before, [u[0], u[1], 0.5]).map(|s| s.direction),
+        |d| axis.dot(d).max(0.0) / PI,
+    );
     let sky = skies::sky();
     let own = |d: DVec3| f64::from(sky.pdf(unit(d)));
     sphere(report, "sky", |u| Some(sky.sample(u).direction), own);

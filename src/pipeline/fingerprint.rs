@@ -29,8 +29,7 @@ impl InputHash {
         let mut files = Vec::new();
         for shape in settings.shapes.values() {
             files.extend(shape.mesh.as_ref().map(|m| scene.resolve(&m.file)));
-            let settings::Material::Diffuse(diffuse) = &shape.material;
-            for texture in [&diffuse.reflectance, &diffuse.emission] {
+            for (_, texture) in shape.material.textures() {
                 if let settings::Texture::Image(image) = texture {
                     files.push(scene.resolve(&image.file));
                 }

@@ -8,13 +8,14 @@
 
 use crate::geometry::embree::{Hit, Ray};
 use crate::math::space::UnitVec3;
+use crate::render::bsdf::microfacet::bent;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
 use crate::render::light_path::{EMISSION_GROUP, Passage};
-use crate::render::material::Bsdf;
+use crate::render::material::SurfacePoint;
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::tracking::{Event, estimate_tinted_transmittance, estimate_transmittance, sample_collision};
@@ -49,7 +50,10 @@ impl<'a> Integrator<'a> {
     pub fn trace(&self, mut ray: Ray, sampler: &mut Sampler, counts: &mut PathCounts) -> Contribution {
         let mut contribution = Contribution::default();
         let mut throughput = Vec3::ONE;
-        // Density of the direction the path follows; None where no light was asked, as at the camera.
+        // Square of the index of refraction where the path is.
+        let mut eta_sq = 1.0;
+        // Density of the direction the path follows; None where no light was asked, as at the camera, or none could have
+        // answered, as at a mirror.
         let mut direction_pdf: Option<f32> = None;
         counts.traced += 1;
         let mut chroma: Option<Chroma> = None;
@@ -80,10 +84,12 @@ impl<'a> Integrator<'a> {
                         return contribution;
                     }
                     (None, Some(hit)) => {
+                        let is_front = hit.normal.dot(*ray.direction) < 0.0;
                         let point = self.world.materials[hit.shape_idx as usize].at(hit.position, hit.shading_normal);
+                        let point = if is_front { point } else { point.from_inside() };
                         // No light of the direct connections, so that every path that meets it counts in full.
                         contribution.add_scattered(carried * point.emitted, bounce, EMISSION_GROUP);
-                        self.surface_vertex(hit, ray.direction, point.bsdf)
+                        surface_vertex(hit, ray.direction, &point)
                     }
                     (None, None) => {
                         self.add_background(&ray, carried, direction_pdf, bounce, &mut contribution);
@@ -104,10 +110,12 @@ impl<'a> Integrator<'a> {
             contribution.bounces += 1;
             self.add_direct_light(&vertex, carried, bounce, sampler, &mut contribution);
             let u = sampler.numbers(Dimension::Direction, bounce);
-            let scattering = vertex.sample([u[0], u[1]]);
+            let Some(scattering) = vertex.sample([u[0], u[1], u[2]]) else { return contribution };
             throughput *= scattering.weight;
+            eta_sq *= scattering.eta_sq;
             if bounce >= self.limits.roulette_from {
-                let survival = (carried * scattering.weight).max_element();
+                // Inside glass, throughput is small only because radiance is large there.
+                let survival = (carried * scattering.weight).max_element() * eta_sq;
                 if survival < 1.0 {
                     if numbers[1] >= survival {
                         return contribution;
@@ -118,7 +126,7 @@ impl<'a> Integrator<'a> {
             if throughput == Vec3::ZERO {
                 return contribution;
             }
-            direction_pdf = Some(scattering.pdf);
+            direction_pdf = scattering.pdf;
             ray = Ray { origin: vertex.leave(scattering.direction), direction: scattering.direction };
         }
         unreachable!("the loop ends by returning")
@@ -140,13 +148,6 @@ impl<'a> Integrator<'a> {
             Event::Collision { t } => (Some(Vertex::Smoke { point: ray.at(t), medium, before: ray.direction }), t),
             Event::Escape => (None, t_max),
         }
-    }
-
-    fn surface_vertex(&self, hit: Hit, before: UnitVec3, bsdf: Bsdf) -> Vertex<'a> {
-        // Materials act alike on both sides: look at the surface from the side the path came from.
-        let is_front = hit.normal.dot(*before) < 0.0;
-        let shading = if is_front { hit.shading_normal } else { -hit.shading_normal };
-        Vertex::Surface { hit, before, normal: shading, bsdf }
     }
 
     fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, bounce: u32, out: &mut Contribution) {
@@ -198,6 +199,16 @@ impl<'a> Integrator<'a> {
             Some(ratios) => estimate_tinted_transmittance(medium, ratios, &ray, sample.distance, sampler.stream()),
         }
     }
+}
+
+fn surface_vertex<'a>(hit: Hit, before: UnitVec3, point: &SurfacePoint<'a>) -> Vertex<'a> {
+    // Look at the surface from the side the path came from.
+    let is_front = hit.normal.dot(*before) < 0.0;
+    let mut normal = if is_front { hit.shading_normal } else { -hit.shading_normal };
+    if point.bsdf.is_glossy() {
+        normal = bent(if is_front { hit.normal } else { -hit.normal }, normal, -before);
+    }
+    Vertex::Surface { hit, before, normal, bsdf: point.bsdf }
 }
 
 /// Weight of a light met by a path whose direction had density `direction_pdf`, when the light itself would have been

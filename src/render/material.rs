@@ -1,18 +1,24 @@
-//! Surfaces.
+//! Surfaces: materials, and what light meets at a point of one.
 
 use crate::flow::surface::SurfaceFlow;
 use crate::math::space::{Similarity, UnitVec3, WorldPoint};
+use crate::render::bsdf::Bsdf;
+use crate::render::bsdf::conductor::{Metal, MetalColor};
+use crate::render::bsdf::dielectric::Glass;
+use crate::render::bsdf::plastic::Plastic;
+use crate::render::bsdf::principled::Principled;
 use crate::render::color::Rgb;
 use crate::render::texture::Texture;
 use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, TAU};
 use std::sync::Arc;
 
-/// What a surface does to light. Both sides behave alike.
+/// What a surface does to light.
 #[derive(Debug)]
 pub struct Material {
     /// How it scatters.
     pub kind: MaterialKind,
+    /// Its colour, each channel in [0, 1]: what that is, is the kind's to say.
+    pub color: Texture,
     /// Radiance that it gives off [W/(m² sr)], in all directions alike.
     pub emission: Option<Texture>,
     /// Where its shape has moved from where it rests, which is where textures are looked up.
@@ -22,52 +28,40 @@ pub struct Material {
 }
 
 /// What light meets at a point of a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SurfacePoint {
+#[derive(Debug, Clone, Copy)]
+pub struct SurfacePoint<'a> {
     /// How it scatters.
-    pub bsdf: Bsdf,
+    pub bsdf: Bsdf<'a>,
     /// Radiance that it gives off [W/(m² sr)].
     pub emitted: Rgb,
 }
 
 /// How a material scatters light.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub enum MaterialKind {
-    /// Lambert: reflects alike in all directions.
-    Diffuse {
-        /// Share of light reflected, each channel in [0, 1].
-        reflectance: Texture,
+    /// Lambert: reflects alike in all directions. Its colour is the share of light reflected.
+    Diffuse,
+    /// A metal. Its colour is the share of what the bare metal reflects.
+    Conductor {
+        /// Its roughness.
+        metal: Metal,
+        /// What the bare metal reflects.
+        color: MetalColor,
     },
-}
-
-/// How light scatters at a point of a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Bsdf {
-    /// Lambert.
-    Diffuse {
-        /// Share of light reflected, each channel in [0, 1].
-        reflectance: Rgb,
-    },
-}
-
-/// A sampled direction.
-#[derive(Debug, Clone, Copy)]
-pub struct BsdfSample {
-    /// Direction of travel away from the surface.
-    pub direction: UnitVec3,
-    /// Density over solid angle [1/sr].
-    pub pdf: f32,
-    /// Scattering function times cosine over density.
-    pub weight: Rgb,
+    /// Glass. Its colour is the share let through of what is not reflected.
+    Dielectric(Glass),
+    /// A diffuse base under a clear coat. Its colour is the share of light that the base reflects.
+    Plastic(Plastic),
+    /// A mix. Its colour is that of all parts but the coat.
+    Principled(Box<Principled>),
 }
 
 impl Material {
-    /// The material at a point of the surface with its outward normal.
+    /// The material at a point of the surface with its outward normal, seen from outside.
     ///
     /// What flows brings its own normal along: textures are those of the place that it came from.
-    pub fn at(&self, point: WorldPoint, normal: UnitVec3) -> SurfacePoint {
-        let MaterialKind::Diffuse { reflectance } = &self.kind;
-        let is_patterned = !reflectance.is_constant() || self.emission.as_ref().is_some_and(|e| !e.is_constant());
+    pub fn at(&self, point: WorldPoint, normal: UnitVec3) -> SurfacePoint<'_> {
+        let is_patterned = !self.color.is_constant() || self.emission.as_ref().is_some_and(|e| !e.is_constant());
         let mut p = self.moved.point_to_local(point).to_array().map(f64::from);
         let flow = self.flow.as_ref().filter(|_| is_patterned);
         if let Some(flow) = flow {
@@ -78,67 +72,31 @@ impl Material {
             None => (self.moved.rotation.inverse() * normal.as_vec3()).as_dvec3(),
         };
         SurfacePoint {
-            bsdf: Bsdf::Diffuse { reflectance: reflectance.at(p, normal) },
+            bsdf: self.kind.with_color(self.color.at(p, normal)),
             emitted: self.emission.as_ref().map_or(Vec3::ZERO, |emission| emission.at(p, normal)),
         }
     }
 }
 
-impl Bsdf {
-    /// Scattering function times the cosine at the surface [1/sr], for light that leaves along `outgoing`; `normal`
-    /// is on the side from which the surface is seen.
-    pub fn value(&self, normal: UnitVec3, outgoing: UnitVec3) -> Rgb {
-        match self {
-            Bsdf::Diffuse { reflectance } => *reflectance * (normal.dot(*outgoing).max(0.0) * FRAC_1_PI),
+impl SurfacePoint<'_> {
+    /// The same point, seen from inside.
+    pub fn from_inside(mut self) -> Self {
+        if let Bsdf::Dielectric { is_front, .. } | Bsdf::Principled { is_front, .. } = &mut self.bsdf {
+            *is_front = false;
         }
-    }
-
-    /// Density [1/sr] with which [`Bsdf::sample`] returns `outgoing`.
-    pub fn pdf(&self, normal: UnitVec3, outgoing: UnitVec3) -> f32 {
-        match self {
-            Bsdf::Diffuse { .. } => normal.dot(*outgoing).max(0.0) * FRAC_1_PI,
-        }
-    }
-
-    /// A direction of travel away from the surface, from two uniform numbers.
-    pub fn sample(&self, normal: UnitVec3, u: [f32; 2]) -> BsdfSample {
-        match self {
-            Bsdf::Diffuse { reflectance } => {
-                let cosine = (1.0 - u[0]).sqrt();
-                let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-                let sine = u[0].sqrt();
-                let direction = normal.from_local(Vec3::new(sine * cos_phi, sine * sin_phi, cosine));
-                BsdfSample { direction, pdf: cosine * FRAC_1_PI, weight: *reflectance }
-            }
-        }
-    }
-
-    /// The colour for the albedo layer.
-    pub fn albedo(&self) -> Rgb {
-        match self {
-            Bsdf::Diffuse { reflectance } => *reflectance,
-        }
+        self
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::hash::{CounterRng, Seed};
-
-    #[test]
-    fn diffuse_samples_have_the_stated_density_and_weight() {
-        let material = Bsdf::Diffuse { reflectance: Vec3::new(0.2, 0.5, 0.8) };
-        let normal = UnitVec3::try_new(Vec3::new(0.2, -0.9, 0.4)).expect("not zero");
-        let mut rng = CounterRng::new(Seed(2));
-        let n = 100_000;
-        let mut mean_cosine = 0.0f64;
-        for _ in 0..n {
-            let s = material.sample(normal, [rng.uniform(), rng.uniform()]);
-            assert!((s.pdf - material.pdf(normal, s.direction)).abs() < 1e-4);
-            assert!((material.value(normal, s.direction) - s.weight * s.pdf).length() < 1e-4);
-            mean_cosine += f64::from(normal.dot(*s.direction)) / n as f64;
+impl MaterialKind {
+    /// How a point scatters light where the colour is `color`, seen from outside.
+    fn with_color(&self, color: Rgb) -> Bsdf<'_> {
+        match self {
+            Self::Diffuse => Bsdf::Diffuse { reflectance: color },
+            Self::Conductor { metal, color: bare } => Bsdf::Conductor { metal, color: *bare, tint: color },
+            Self::Dielectric(glass) => Bsdf::Dielectric { glass, tint: color, is_front: true },
+            Self::Plastic(plastic) => Bsdf::Plastic { plastic, reflectance: color },
+            Self::Principled(model) => Bsdf::Principled { model, base_color: color, is_front: true },
         }
-        assert!((mean_cosine - 2.0 / 3.0).abs() < 3e-3, "{mean_cosine}");
     }
 }

@@ -4,6 +4,7 @@
 
 pub mod adaptive;
 pub mod blackbody;
+pub mod bsdf;
 pub mod camera;
 pub mod chroma;
 pub mod color;
@@ -39,6 +40,11 @@ use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::adaptive::Adaptive;
+use crate::render::bsdf::conductor::{Metal, MetalColor};
+use crate::render::bsdf::dielectric::Glass;
+use crate::render::bsdf::metals::{self, Index};
+use crate::render::bsdf::plastic::Plastic;
+use crate::render::bsdf::principled::{Principled, PrincipledSettings};
 use crate::render::camera::{Camera, Lens};
 use crate::render::environment::Environment;
 use crate::render::film::PixelBounds;
@@ -172,12 +178,12 @@ impl TextureStore {
         let mut store = Self { pictures: BTreeMap::new(), flows: vec![None; scene.settings.shapes.len()] };
         let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
         for (name, shape) in &scene.settings.shapes {
-            let settings::Material::Diffuse(diffuse) = &shape.material;
-            for (slot, texture) in [("reflectance", &diffuse.reflectance), ("emission", &diffuse.emission)] {
+            for (slot, texture) in shape.material.textures() {
                 let settings::Texture::Image(image) = texture else { continue };
-                let key = format!("shapes.{name}.material.diffuse.{slot}.image.file");
+                let key = format!("shapes.{name}.material.{slot}.image.file");
+                let is_reflectance = !slot.ends_with(".emission");
                 store
-                    .picture(scene, image, slot == "reflectance", load, limit)
+                    .picture(scene, image, is_reflectance, load, limit)
                     .map_err(|e| RenderError::Texture { key, source: Box::new(e) })?;
             }
         }
@@ -248,14 +254,49 @@ pub fn build_materials(scene: &Scene, geometry: &Geometry, store: &mut TextureSt
     shapes
         .zip(flows)
         .map(|((shape, placed), last)| {
-            let settings::Material::Diffuse(diffuse) = &shape.material;
-            let reflectance = texture(&diffuse.reflectance, pictures, time);
-            let emission = (!diffuse.emission.is_black()).then(|| texture(&diffuse.emission, pictures, time));
+            let color = texture(shape.material.color(), pictures, time);
+            let emission = shape.material.emission();
+            let emission = (!emission.is_black()).then(|| texture(emission, pictures, time));
             let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
             let flow = flow.map(|(flow, solid)| surface_flow(flow, solid, time, cache_bytes, last));
-            Material { kind: MaterialKind::Diffuse { reflectance }, emission, moved: placed.moved, flow }
+            Material { kind: material_kind(&shape.material), color, emission, moved: placed.moved, flow }
         })
         .collect()
+}
+
+fn material_kind(material: &settings::Material) -> MaterialKind {
+    match material {
+        settings::Material::Diffuse(_) => MaterialKind::Diffuse,
+        settings::Material::Conductor(c) => {
+            let Index { eta, k } = match (c.metal, c.eta, c.k) {
+                (None, Some(eta), Some(k)) => Index { eta: vec3(eta), k: vec3(k) },
+                (metal, ..) => metal_index(metal.expect("validation refuses conductors without an index")),
+            };
+            MaterialKind::Conductor { metal: Metal::new(c.roughness as f32), color: MetalColor::measured(eta, k) }
+        }
+        settings::Material::Dielectric(d) => MaterialKind::Dielectric(Glass::new(d.ior as f32, d.roughness as f32)),
+        settings::Material::Plastic(p) => MaterialKind::Plastic(Plastic::new(p.ior as f32, p.roughness as f32)),
+        settings::Material::Principled(p) => MaterialKind::Principled(Box::new(Principled::new(&PrincipledSettings {
+            metallic: p.metallic as f32,
+            roughness: p.roughness as f32,
+            ior: p.ior as f32,
+            transmission: p.transmission as f32,
+            coat: p.coat as f32,
+            coat_roughness: p.coat_roughness as f32,
+        }))),
+    }
+}
+
+fn metal_index(metal: settings::Metal) -> Index {
+    match metal {
+        settings::Metal::Aluminium => metals::ALUMINIUM,
+        settings::Metal::Chromium => metals::CHROMIUM,
+        settings::Metal::Copper => metals::COPPER,
+        settings::Metal::Gold => metals::GOLD,
+        settings::Metal::Iron => metals::IRON,
+        settings::Metal::Silver => metals::SILVER,
+        settings::Metal::Titanium => metals::TITANIUM,
+    }
 }
 
 /// The flow along a surface at a time [s]: the last one, if it is the same, with all that was followed of it.

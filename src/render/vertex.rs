@@ -2,10 +2,10 @@
 
 use crate::geometry::embree::Hit;
 use crate::math::space::{UnitVec3, WorldPoint};
+use crate::render::bsdf::Bsdf;
 use crate::render::color::Rgb;
 use crate::render::film::Contribution;
 use crate::render::light_path::FirstEvent;
-use crate::render::material::Bsdf;
 use crate::render::medium::Medium;
 use glam::Vec3;
 
@@ -29,7 +29,7 @@ pub enum Vertex<'a> {
         /// Shading normal on the side that the path came from.
         normal: UnitVec3,
         /// What the surface does to light.
-        bsdf: Bsdf,
+        bsdf: Bsdf<'a>,
     },
 }
 
@@ -37,10 +37,14 @@ pub enum Vertex<'a> {
 pub struct Scattering {
     /// Direction of travel after the scattering.
     pub direction: UnitVec3,
-    /// Density over solid angle [1/sr].
-    pub pdf: f32,
+    /// Density over solid angle [1/sr]; `None` for a direction that no light could have been sampled in, of what is
+    /// mirrored or bent perfectly.
+    pub pdf: Option<f32>,
     /// Scattering function times cosine over density.
     pub weight: Rgb,
+    /// Square of the index of refraction on the new side over that on the old one: by so much radiance changes for being
+    /// there, which roulette leaves alone.
+    pub eta_sq: f32,
 }
 
 impl Vertex<'_> {
@@ -65,9 +69,11 @@ impl Vertex<'_> {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.albedo * medium.phase.value(*before, direction),
             Vertex::Surface { hit, before, normal, bsdf } => {
-                // Shading normals must not let light through the surface.
-                let same_side = hit.normal.dot(*direction) * hit.normal.dot(**before) < 0.0;
-                if same_side { bsdf.value(*normal, direction) } else { Vec3::ZERO }
+                if sides_agree(hit, *before, *normal, direction) {
+                    bsdf.value(*normal, *before, direction)
+                } else {
+                    Vec3::ZERO
+                }
             }
         }
     }
@@ -76,22 +82,26 @@ impl Vertex<'_> {
     pub fn pdf(&self, direction: UnitVec3) -> f32 {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.phase.value(*before, direction),
-            Vertex::Surface { normal, bsdf, .. } => bsdf.pdf(*normal, direction),
+            Vertex::Surface { before, normal, bsdf, .. } => bsdf.pdf(*normal, *before, direction),
         }
     }
 
-    /// A direction to go on along, from two uniform numbers.
-    pub fn sample(&self, u: [f32; 2]) -> Scattering {
+    /// A direction to go on along, from three uniform numbers; `None` where the light is absorbed.
+    pub fn sample(&self, u: [f32; 3]) -> Option<Scattering> {
         match self {
             Vertex::Smoke { medium, before, .. } => {
-                let s = medium.phase.sample(*before, u);
-                Scattering { direction: s.direction, pdf: s.pdf, weight: medium.albedo }
+                let s = medium.phase.sample(*before, [u[0], u[1]]);
+                Some(Scattering { direction: s.direction, pdf: Some(s.pdf), weight: medium.albedo, eta_sq: 1.0 })
             }
             Vertex::Surface { hit, before, normal, bsdf } => {
-                let s = bsdf.sample(*normal, u);
-                let same_side = hit.normal.dot(*s.direction) * hit.normal.dot(**before) < 0.0;
-                let weight = if same_side { s.weight } else { Vec3::ZERO };
-                Scattering { direction: s.direction, pdf: s.pdf, weight }
+                let s = bsdf.sample(*normal, *before, u)?;
+                let eta_sq = if normal.dot(*s.direction) > 0.0 { 1.0 } else { bsdf.eta() * bsdf.eta() };
+                sides_agree(hit, *before, *normal, s.direction).then_some(Scattering {
+                    direction: s.direction,
+                    pdf: s.pdf,
+                    weight: s.weight,
+                    eta_sq,
+                })
             }
         }
     }
@@ -111,4 +121,12 @@ impl Vertex<'_> {
             }
         }
     }
+}
+
+/// Whether a direction is on the same side of the surface as of the plane it is shaded by: shading normals must neither let
+/// light through a surface nor take what goes through for reflected.
+#[inline]
+fn sides_agree(hit: &Hit, before: UnitVec3, normal: UnitVec3, direction: UnitVec3) -> bool {
+    let sides = hit.normal.dot(*direction) * hit.normal.dot(*before);
+    if normal.dot(*direction) > 0.0 { sides < 0.0 } else { sides > 0.0 }
 }

@@ -5,8 +5,8 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Material, Output, Part,
-    Potential, Settings, Shape, Smoke, Torus, Vec3,
+    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Output, Part, Potential,
+    Settings, Shape, Smoke, Torus, Vec3,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -371,10 +371,8 @@ impl<'s> Check<'s, '_, '_> {
     fn lights(&mut self) {
         let lights = &self.settings.lights;
         let has_unknown_section = self.mended.iter().any(|path| !path.contains(['.', '[']));
-        let glows = self.settings.shapes.values().any(|shape| {
-            let Material::Diffuse(diffuse) = &shape.material;
-            shape.visible && !diffuse.emission.is_black()
-        }) || self.settings.smoke.as_ref().is_some_and(Smoke::glows);
+        let glows = self.settings.shapes.values().any(|shape| shape.visible && !shape.material.emission().is_black())
+            || self.settings.smoke.as_ref().is_some_and(Smoke::glows);
         if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";
             self.error_help("lights", "lights", "without a light the picture is black", help);

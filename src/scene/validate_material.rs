@@ -1,30 +1,51 @@
 //! What a schema cannot say about materials and textures.
 
 use crate::schema::decimal;
-use crate::settings::{FlowNoise, ImageTexture, Material, Projection, SurfaceFlow, Texture};
+use crate::settings::{Conductor, FlowNoise, ImageTexture, Material, Projection, SurfaceFlow, Texture};
 use crate::validate::{Check, length};
 
 impl Check<'_, '_, '_> {
     pub(crate) fn material(&mut self, key: &str, material: &Material) {
-        let Material::Diffuse(diffuse) = material;
-        let reflectance = format!("{key}.diffuse.reflectance");
-        self.texture(&reflectance, &diffuse.reflectance);
-        for (i, color) in diffuse.reflectance.colors().iter().enumerate() {
-            let key = match diffuse.reflectance {
+        let [(color_key, color), (emission_key, emission)] = material.textures();
+        let color_key = format!("{key}.{color_key}");
+        self.texture(&color_key, color);
+        for (i, stop) in color.colors().iter().enumerate() {
+            let key = match color {
                 // A picture has no colours before it is read.
-                Texture::Constant(_) | Texture::Image(_) => reflectance.clone(),
-                Texture::FlowNoise(_) => format!("{reflectance}.flow_noise.ramp[{i}].color"),
-                Texture::Stripes(_) => format!("{reflectance}.stripes.colors[{i}]"),
-                Texture::Checker(_) => format!("{reflectance}.checker.colors[{i}]"),
-                Texture::Rings(_) => format!("{reflectance}.rings.colors[{i}]"),
+                Texture::Constant(_) | Texture::Image(_) => color_key.clone(),
+                Texture::FlowNoise(_) => format!("{color_key}.flow_noise.ramp[{i}].color"),
+                Texture::Stripes(_) => format!("{color_key}.stripes.colors[{i}]"),
+                Texture::Checker(_) => format!("{color_key}.checker.colors[{i}]"),
+                Texture::Rings(_) => format!("{color_key}.rings.colors[{i}]"),
             };
-            for (channel, &share) in color.iter().enumerate().filter(|(_, share)| **share > 1.0) {
+            for (channel, &share) in stop.iter().enumerate().filter(|(_, share)| **share > 1.0) {
                 let message = format!("must be from 0 to 1, found {}: no more is reflected than comes", decimal(share));
                 let key = format!("{key}[{channel}]");
                 self.error(&key, &key, message);
             }
         }
-        self.texture(&format!("{key}.diffuse.emission"), &diffuse.emission);
+        self.texture(&format!("{key}.{emission_key}"), emission);
+        if let Material::Conductor(conductor) = material {
+            self.conductor(&format!("{key}.conductor"), conductor);
+        }
+    }
+
+    fn conductor(&mut self, key: &str, conductor: &Conductor) {
+        let (eta, k) = (conductor.eta.is_some(), conductor.k.is_some());
+        let help = "for example `metal: gold`, or `eta: [0.2, 0.9, 1.1]` and `k: [3.9, 2.5, 2.1]`";
+        match conductor.metal {
+            Some(_) if eta || k => {
+                let given = if eta { "eta" } else { "k" };
+                let message = format!("`{given}` is that of a metal without a name");
+                self.error_help(&format!("{key}.{given}"), key, message, "give either `metal`, or `eta` and `k`");
+            }
+            None if eta != k => {
+                let missing = if eta { "k" } else { "eta" };
+                self.error_help(key, key, format!("the index of refraction lacks `{missing}`"), help);
+            }
+            None if !eta => self.error_help(key, key, "a metal needs its index of refraction", help),
+            _ => {}
+        }
     }
 
     fn texture(&mut self, key: &str, texture: &Texture) {

@@ -4,17 +4,48 @@ use crate::settings::{Interpolation, Rgb, Vec3, up};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What a surface does to light. Both sides behave alike.
+/// What a surface does to light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum Material {
     /// Reflects alike in all directions, and may glow.
     Diffuse(Diffuse),
+    /// A metal.
+    Conductor(Conductor),
+    /// Glass, water: light goes through and is bent.
+    Dielectric(Dielectric),
+    /// A diffuse base under a clear coat: plastic, lacquer, glazed clay.
+    Plastic(Plastic),
+    /// A mix of metal, plastic and glass under a coat, by the parameters that most programs share.
+    Principled(Principled),
 }
 
 impl Default for Material {
     fn default() -> Self {
         Self::Diffuse(Diffuse { reflectance: Texture::Constant([0.5; 3]), emission: dark() })
+    }
+}
+
+impl Material {
+    /// Its textures by their keys: its colour, of at most 1, and what it gives off.
+    pub fn textures(&self) -> [(&'static str, &Texture); 2] {
+        match self {
+            Self::Diffuse(m) => [("diffuse.reflectance", &m.reflectance), ("diffuse.emission", &m.emission)],
+            Self::Conductor(m) => [("conductor.tint", &m.tint), ("conductor.emission", &m.emission)],
+            Self::Dielectric(m) => [("dielectric.tint", &m.tint), ("dielectric.emission", &m.emission)],
+            Self::Plastic(m) => [("plastic.reflectance", &m.reflectance), ("plastic.emission", &m.emission)],
+            Self::Principled(m) => [("principled.base_color", &m.base_color), ("principled.emission", &m.emission)],
+        }
+    }
+
+    /// Its colour.
+    pub fn color(&self) -> &Texture {
+        self.textures()[0].1
+    }
+
+    /// What it gives off.
+    pub fn emission(&self) -> &Texture {
+        self.textures()[1].1
     }
 }
 
@@ -28,6 +59,147 @@ pub struct Diffuse {
     /// bright is better a light. Default none.
     #[serde(default = "dark")]
     pub emission: Texture,
+}
+
+/// A metal, by name or by index of refraction n + i k: give `metal`, or `eta` and `k`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Conductor {
+    /// A metal whose index was measured.
+    #[serde(default)]
+    pub metal: Option<Metal>,
+    /// n of red, green and blue.
+    #[serde(default)]
+    #[schemars(inner(inner(range(min = 0.001, max = 100.0))))]
+    pub eta: Option<Rgb>,
+    /// k of red, green and blue.
+    #[serde(default)]
+    #[schemars(inner(inner(range(min = 0.0, max = 100.0))))]
+    pub k: Option<Rgb>,
+    /// How rough it looks, 0 to 1: the root of alpha of GGX. Below 0.01 a perfect mirror. Default 0.2.
+    #[serde(default = "roughness")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub roughness: f64,
+    /// Share of what the bare metal reflects, 0 to 1: a colour, or a texture. Default [1, 1, 1].
+    #[serde(default = "white")]
+    pub tint: Texture,
+    /// As that of a diffuse surface. Default none.
+    #[serde(default = "dark")]
+    pub emission: Texture,
+}
+
+/// A metal with a measured index of refraction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Metal {
+    /// Aluminium.
+    Aluminium,
+    /// Chromium.
+    Chromium,
+    /// Copper.
+    Copper,
+    /// Gold.
+    Gold,
+    /// Iron.
+    Iron,
+    /// Silver.
+    Silver,
+    /// Titanium.
+    Titanium,
+}
+
+/// A body that light goes through, in air. Each of its surfaces is one between it and air: bodies that touch or overlap have
+/// two. Shadow rays do not go through: lights with an extent are found by paths, but no path finds a `point` or a `sun` behind
+/// glass, which then casts a full shadow.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Dielectric {
+    /// Index of refraction inside over that outside: glass 1.5, water 1.33, a bubble of air in water 0.75. Default 1.5.
+    #[serde(default = "ior")]
+    #[schemars(range(min = 0.2, max = 5.0))]
+    pub ior: f64,
+    /// How rough it looks, 0 to 1: the root of alpha of GGX. Below 0.01 perfectly smooth. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub roughness: f64,
+    /// Share let through at the surface of light that is not reflected, 0 to 1: a colour, or a texture. Light that goes in and
+    /// out meets it twice. Default [1, 1, 1].
+    #[serde(default = "white")]
+    pub tint: Texture,
+    /// As that of a diffuse surface. Default none.
+    #[serde(default = "dark")]
+    pub emission: Texture,
+}
+
+/// A diffuse base under a clear coat.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Plastic {
+    /// Share that the base reflects of light that passes the coat, 0 to 1: a colour, or a texture.
+    pub reflectance: Texture,
+    /// Index of refraction of the coat. Default 1.5.
+    #[serde(default = "ior")]
+    #[schemars(range(min = 1.0, max = 5.0))]
+    pub ior: f64,
+    /// How rough the coat looks, 0 to 1: the root of alpha of GGX. Below 0.01 perfectly smooth. Default 0.2.
+    #[serde(default = "roughness")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub roughness: f64,
+    /// As that of a diffuse surface. Default none.
+    #[serde(default = "dark")]
+    pub emission: Texture,
+}
+
+/// A mix of metal, plastic and glass under a coat.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Principled {
+    /// What the base of plastic and metal (at normal incidence) reflects, and what glass lets through at its surface, 0 to 1: a
+    /// colour, or a texture.
+    pub base_color: Texture,
+    /// Share of metal, 0 to 1. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub metallic: f64,
+    /// How rough all but the coat looks, 0 to 1: the root of alpha of GGX. Below 0.01 perfectly smooth. Default 0.5.
+    #[serde(default = "half")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub roughness: f64,
+    /// Index of refraction of what is no metal. Default 1.5.
+    #[serde(default = "ior")]
+    #[schemars(range(min = 1.0, max = 5.0))]
+    pub ior: f64,
+    /// Share of glass in what is no metal, 0 to 1. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub transmission: f64,
+    /// Strength of a clear coat on top, 0 to 1. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub coat: f64,
+    /// How rough the coat looks, 0 to 1. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub coat_roughness: f64,
+    /// As that of a diffuse surface. Default none.
+    #[serde(default = "dark")]
+    pub emission: Texture,
+}
+
+fn roughness() -> f64 {
+    0.2
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+fn ior() -> f64 {
+    1.5
+}
+
+fn white() -> Texture {
+    Texture::Constant([1.0; 3])
 }
 
 fn dark() -> Texture {
