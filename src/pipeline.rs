@@ -257,12 +257,13 @@ impl Studio {
                 &moved
             }
         };
-        let samples = view.bounds.area() as u64 * u64::from(view.spp);
+        let most = view.bounds.area() as u64 * u64::from(view.spp);
         let film =
-            timed(progress, Stage::Render, record, samples, || tiles::render(&view, world, medium.as_ref(), progress))?;
+            timed(progress, Stage::Render, record, most, || tiles::render(&view, world, medium.as_ref(), progress))?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
-        record.samples_per_second = samples as f64 / seconds.max(1e-9);
         let traced = film.paths.traced.max(1) as f64;
+        record.samples_per_second = traced / seconds.max(1e-9);
+        record.spp = film.spp;
         record.truncated_paths = film.paths.truncated as f64 / traced;
         record.truncated_light = film.paths.truncated_throughput / traced;
         if record.truncated_light > TRUNCATED_LIGHT_NOTED {

@@ -293,7 +293,9 @@ fn no_particles_are_an_empty_grid() {
 #[test]
 fn densities_are_told_apart_between_the_lowest_and_the_highest_and_bounds_follow() {
     let remap = curlsmoke::scene::settings::Remap { in_range: [0.2, 0.8], out: Some(3.0), gamma: 2.0 };
-    assert_eq!([0.0, 0.2, 0.5, 0.8, 7.0].map(|d| remap.apply(d)), [0.0, 0.0, 0.75, 3.0, 3.0]);
+    for (density, expected) in [(0.0, 0.0), (0.2, 0.0), (0.5, 0.75), (0.8, 3.0), (7.0, 3.0)] {
+        assert!((remap.apply(density) - expected).abs() < 1e-6, "{density}: {}", remap.apply(density));
+    }
     let grid = blobs(0.1, WorldPoint::new(-1.0, 2.0, 0.5));
     let changed = grid.clone().map(|density| remap.apply(density));
     let mut rng = CounterRng::new(Seed(8));

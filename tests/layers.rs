@@ -211,3 +211,18 @@ fn a_pixel_ends_when_its_noise_is_small_and_not_before() {
     println!("z {z}");
     assert!(z.abs() < 3.5);
 }
+
+#[test]
+fn a_limit_of_time_gives_all_pixels_equally_many_paths_and_the_same_as_so_many_asked_for() {
+    let scene = |film: &str| stage(&SCENE.replace("spp: 32}", film));
+    // So little time that only the first pass is made, and so much that all are.
+    for (limit, expected) in [(0.001, 4), (1000.0, 37)] {
+        let limited = scene(&format!("spp: 37, time_limit: {limit}}}"));
+        let film = picture(&limited, &smoke(&limited));
+        assert_eq!(film.spp, expected);
+        let asked = scene(&format!("spp: {expected}}}"));
+        let other = picture(&asked, &smoke(&asked));
+        assert_eq!((&film.pixels, &film.layer_data), (&other.pixels, &other.layer_data));
+        assert_eq!(film.paths, other.paths);
+    }
+}

@@ -113,6 +113,10 @@ pub struct RenderArguments {
     /// Trace through each pixel only until its noise is below this, instead of film.noise_target: 0.02 is clean, 0.1 grainy
     #[arg(long, value_name = "SHARE")]
     pub noise_target: Option<f64>,
+
+    /// Trace light no longer than this many seconds a frame, instead of film.time_limit
+    #[arg(long, value_name = "SECONDS", conflicts_with = "noise_target")]
+    pub time_limit: Option<f64>,
     /// Width and height in pixels, or a share of the scene's: 640x360, 50%
     #[arg(long, visible_alias = "res", value_name = "SIZE")]
     pub resolution: Option<Resolution>,

@@ -64,6 +64,9 @@ fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     if let Some(noise) = arguments.noise_target {
         overrides.push(("film.noise_target".to_string(), noise.to_string()));
     }
+    if let Some(seconds) = arguments.time_limit {
+        overrides.push(("film.time_limit".to_string(), seconds.to_string()));
+    }
     if let Some(spp) = arguments.spp {
         overrides.push(("film.spp".to_string(), spp.to_string()));
     }

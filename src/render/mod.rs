@@ -68,6 +68,7 @@ use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// What can stop a picture.
 #[derive(Debug, thiserror::Error)]
@@ -475,6 +476,7 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
         bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
         spp: film.spp,
         adaptive: film.noise_target.map(|noise| Adaptive { noise: noise as f32, min_spp: film.min_spp.min(film.spp) }),
+        time_limit: film.time_limit.map(Duration::from_secs_f64),
         filter: match film.filter {
             settings::Filter::Box { radius } => Filter::Box { radius: radius as f32 },
             settings::Filter::Triangle { radius } => Filter::triangle(radius as f32),

@@ -15,6 +15,7 @@ use crate::render::world::World;
 use glam::Vec2;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
 const TILE: u32 = 16;
@@ -23,6 +24,9 @@ const TILE: u32 = 16;
 const SAMPLES_A_LOOK: u32 = 256;
 /// Most scatterings between two looks: a path may have a hundred thousand.
 const BOUNCES_A_LOOK: u64 = 1 << 14;
+
+/// Paths of a pixel in the first pass of a picture whose time is limited.
+const FIRST_PASS: u32 = 4;
 
 /// How a picture is taken.
 #[derive(Debug, Clone)]
@@ -37,6 +41,9 @@ pub struct View {
     pub spp: u32,
     /// When a pixel has enough paths before that, if ever.
     pub adaptive: Option<Adaptive>,
+    /// Time after which no pass over the picture is begun that would not end within it; then all pixels have equally many
+    /// paths, fewer than `spp`. Not with `adaptive`.
+    pub time_limit: Option<Duration>,
     /// How samples are spread about a pixel.
     pub filter: Filter,
     /// When paths end.
@@ -77,9 +84,56 @@ pub fn render(
             y1: (y0 + TILE).min(view.bounds.y1),
         })
         .collect();
-    let finished: Vec<Tile> =
-        tiles.par_iter().map(|tile| render_tile(tile, view, &integrator, progress)).collect::<Result<_, _>>()?;
-    Ok(assemble(view, &tiles, &finished))
+    let (finished, spp) = match view.time_limit {
+        None => {
+            let paint =
+                |tile: &PixelBounds| render_tile(tile, view, &integrator, progress, |mut painter| painter.paint());
+            (tiles.par_iter().map(paint).collect::<Result<Vec<Tile>, _>>()?, view.spp)
+        }
+        Some(limit) => render_in_passes(&tiles, view, &integrator, progress, limit)?,
+    };
+    Ok(Film { spp, ..assemble(view, &tiles, &finished) })
+}
+
+/// Passes over all pixels until the time is up; also how many paths each pixel got.
+fn render_in_passes(
+    bounds: &[PixelBounds],
+    view: &View,
+    integrator: &Integrator,
+    progress: &dyn Progress,
+    limit: Duration,
+) -> Result<(Vec<Tile>, u32), RenderError> {
+    let start = Instant::now();
+    let mut sums: Vec<Vec<PixelSum>> =
+        bounds.iter().map(|tile| vec![PixelSum::new(&view.layers); tile.area()]).collect();
+    let mut counts = vec![PathCounts::default(); bounds.len()];
+    let mut done = 0;
+    // A first short pass tells how long a path takes; a pass as long as all before it keeps their number small.
+    let mut next = FIRST_PASS.min(view.spp);
+    while next > done {
+        let work = bounds.par_iter().zip(&mut sums).zip(&mut counts);
+        work.try_for_each(|((tile, sums), counts)| {
+            for (i, sum) in sums.iter_mut().enumerate() {
+                let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
+                let mut painter = PixelPainter::new([x, y], view, integrator, progress, counts);
+                painter.add(sum, view.seed, done..next)?;
+                painter.look()?;
+            }
+            Ok(())
+        })?;
+        done = next;
+        let a_path = start.elapsed().as_secs_f64() / f64::from(done);
+        let left = ((limit.as_secs_f64() - start.elapsed().as_secs_f64()) / a_path).max(0.0);
+        next = (done + done.min(left as u32)).min(view.spp);
+    }
+    progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
+    let tiles = bounds.par_iter().zip(&sums).zip(counts).map(|((tile, sums), counts)| {
+        let mut sums = sums.iter();
+        let finished =
+            render_tile(tile, view, integrator, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
+        Ok(Tile { counts, ..finished })
+    });
+    Ok((tiles.collect::<Result<_, RenderError>>()?, done))
 }
 
 fn render_tile(
@@ -87,23 +141,14 @@ fn render_tile(
     view: &View,
     integrator: &Integrator,
     progress: &dyn Progress,
+    mut paint: impl FnMut(PixelPainter) -> Result<PixelSum, RenderError>,
 ) -> Result<Tile, RenderError> {
     let mut tile =
         Tile { pixels: Vec::with_capacity(bounds.area()), layer_data: Vec::new(), counts: PathCounts::default() };
     let needs_middle = view.layers.iter().any(Layer::is_of_the_middle);
     for y in bounds.y0..bounds.y1 {
         for x in bounds.x0..bounds.x1 {
-            let mut painter = PixelPainter {
-                x,
-                y,
-                view,
-                integrator,
-                progress,
-                counts: &mut tile.counts,
-                unsaid: 0,
-                looked_at_bounce: 0,
-            };
-            let sum = painter.paint()?;
+            let sum = paint(PixelPainter::new([x, y], view, integrator, progress, &mut tile.counts))?;
             let middle = needs_middle.then(|| {
                 let ray = view.camera.ray(middle_of(x, y), [0.5, 0.5]);
                 Middle::look(integrator, &view.camera, &ray)
@@ -132,9 +177,19 @@ struct PixelPainter<'a> {
     looked_at_bounce: u64,
 }
 
-impl PixelPainter<'_> {
+impl<'a> PixelPainter<'a> {
+    fn new(
+        [x, y]: [u32; 2],
+        view: &'a View,
+        integrator: &'a Integrator<'a>,
+        progress: &'a dyn Progress,
+        counts: &'a mut PathCounts,
+    ) -> Self {
+        let looked_at_bounce = counts.bounces;
+        Self { x, y, view, integrator, progress, counts, unsaid: 0, looked_at_bounce }
+    }
+
     fn paint(&mut self) -> Result<PixelSum, RenderError> {
-        self.looked_at_bounce = self.counts.bounces;
         self.look()?;
         let sum = match &self.view.adaptive {
             None => {

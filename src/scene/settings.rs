@@ -194,6 +194,12 @@ pub struct Film {
     #[serde(skip_serializing_if = "is_min_spp")]
     #[schemars(range(min = 4, max = 16777216))]
     pub min_spp: u32,
+    /// Time for the light of a frame [s]: passes over the whole picture begin while they are expected to end within it, the first
+    /// of 4 paths in any case. All pixels have equally many paths, how many is up to the machine, and the sidecar says it.
+    /// Not with `noise_target`. Default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.001, max = 1e9))]
+    pub time_limit: Option<f64>,
     /// How a sample counts for its pixel. Default a Blackman–Harris window of radius 1.5 pixels.
     pub filter: Filter,
 }
@@ -205,6 +211,7 @@ impl Default for Film {
             spp: 128,
             noise_target: None,
             min_spp: MIN_SPP,
+            time_limit: None,
             filter: Filter::BlackmanHarris { radius: 1.5 },
         }
     }

@@ -157,6 +157,10 @@ impl<'s> Check<'s, '_, '_> {
     }
 
     fn film(&mut self, film: &Film) {
+        if film.noise_target.is_some() && film.time_limit.is_some() {
+            let message = "`time_limit` and `noise_target` exclude each other";
+            self.error_help("film.time_limit", "film", message, "remove one of them");
+        }
         if film.noise_target.is_none() && film.min_spp != Film::default().min_spp {
             let message = "`min_spp` has no effect without `noise_target`";
             self.warning("film.min_spp", "film", message, "add `noise_target`, for example 0.02, or remove it");
