@@ -32,7 +32,7 @@ fetch_denoiser() {
         ;;
     *) refuse "no ready-made Open Image Denoise is known for $(uname -s) on $(uname -m)" ;;
     esac
-    if [ -e "$folder/$package-$version.ok" ] && [ -e "$folder/$library" ]; then return; fi
+    if [ -e "$folder/$package-$version.ok" ] && [ -e "$folder/lib/$library" ]; then return; fi
     python3 -m pip --version >/dev/null 2>&1 || refuse "python3 with pip is needed to fetch Open Image Denoise"
     echo "bootstrap: fetching $package $version into $folder/" >&2
     download="$(mktemp -d "${TMPDIR:-/tmp}/curlsmoke-oidn.XXXXXX")"
@@ -41,10 +41,10 @@ fetch_denoiser() {
     python3 -m pip --disable-pip-version-check --no-input download --quiet --no-deps --only-binary=:all: \
         --python-version 3.11 --implementation cp --platform "$platform" --dest "$download" "$package==$version" >&2 ||
         refuse "pip could not fetch $package $version (its message is above)"
-    mkdir "$partial"
-    # Checked before anything is unpacked. Of the wheel only what the processor's own device needs is kept; links that
-    # wheels hold as copies stay copies.
-    python3 - "$download" "$checksum" "$partial" "$library" <<'PYTHON' || refuse "the downloaded $package $version was not unpacked; nothing was changed"
+    mkdir -p "$partial/lib"
+    # Checked before anything is unpacked. Of the wheel only what the processor's own device needs is kept, in a folder
+    # called lib, which is where its parts look for each other.
+    python3 - "$download" "$checksum" "$partial/lib" "$library" <<'PYTHON' || refuse "the downloaded $package $version was not unpacked; nothing was changed"
 import hashlib, os, re, sys, zipfile
 from pathlib import Path
 

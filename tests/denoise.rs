@@ -6,7 +6,7 @@ mod program;
 use curlsmoke::output::denoise::DENOISED;
 use curlsmoke::output::exr::{self, Compression};
 use curlsmoke::output::image::{Image, SampleKind};
-use curlsmoke::output::oidn::Denoiser;
+use curlsmoke::output::oidn::{Denoiser, LoadError, OidnError};
 use program::{Folder, contains};
 use std::fs;
 
@@ -61,8 +61,11 @@ fn what_cannot_be_denoised_is_refused_before_the_library_is_asked_for() {
 
 #[test]
 fn with_the_library_every_channel_stays_and_one_layer_comes() {
-    let denoiser = Denoiser::try_new(None);
-    let Ok(denoiser) = denoiser else { return };
+    let denoiser = match Denoiser::try_new(None) {
+        Ok(denoiser) => denoiser,
+        Err(OidnError::Load(LoadError::NotFound)) => return println!("left out: no Open Image Denoise here"),
+        Err(error) => panic!("{error}"),
+    };
     assert!(denoiser.version().starts_with("2."), "{}", denoiser.version());
     let folder = rendered();
     let clean = ["denoise", "out/shadow.exr", "-o", "out/clean.exr", "--preview", "out/clean.png", "--prefilter"];
@@ -77,12 +80,16 @@ fn with_the_library_every_channel_stays_and_one_layer_comes() {
     assert_eq!(beside.channels.len(), raw.channels.len() + 3);
     let denoised = beside.to_rgb(DENOISED).unwrap();
     assert_eq!(beside.attribute("curlsmoke/scene"), raw.attribute("curlsmoke/scene"));
-    // As bright as before, and smoother along the floor, whose neighbours should be alike.
+    // As bright as before, and nearer to what many paths show.
     let noisy = raw.to_rgb("").unwrap();
     let mean = |rgb: &[[f32; 3]]| rgb.iter().map(|c| c[1]).sum::<f32>() / rgb.len() as f32;
     assert!((mean(&denoised) / mean(&noisy) - 1.0).abs() < 0.02, "{} {}", mean(&denoised), mean(&noisy));
-    let roughness = |rgb: &[[f32; 3]]| rgb[40 * 64..].windows(2).map(|w| (w[0][1] - w[1][1]).powi(2)).sum::<f32>();
-    assert!(roughness(&denoised) < 0.2 * roughness(&noisy), "{} {}", roughness(&denoised), roughness(&noisy));
+    folder.expect(0, &["render", "shadow.yaml", "--spp", "128", "--seed", "2", "-o", "out/fine.exr"]);
+    let fine = read("out/fine.exr").to_rgb("").unwrap();
+    let error = |rgb: &[[f32; 3]]| rgb.iter().zip(&fine).map(|(a, b)| (a[1] - b[1]).powi(2)).sum::<f32>().sqrt();
+    let (before, after) = (error(&noisy), error(&denoised));
+    println!("error {before} became {after}");
+    assert!(after < 0.7 * before, "{before} became {after}");
     folder.expect(0, &["denoise", "out/shadow.exr", "-o", "out/instead.exr", "--prefilter", "--replace"]);
     let instead = read("out/instead.exr");
     assert_eq!(instead.to_rgb("noisy").unwrap(), noisy);

@@ -4,6 +4,7 @@
 //! headers of 2.0 to 2.5 have them alike. `bool` is C's, one byte.
 
 use libloading::Library;
+use std::error::Error;
 use std::ffi::{OsString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -89,8 +90,8 @@ const NAMES: [&str; 2] = ["libOpenImageDenoise.so.2", NAME];
 const USUAL_FOLDERS: [&str; 5] =
     ["/usr/local/lib", "/usr/lib64", "/opt/homebrew/lib", "/opt/local/lib", "/opt/oidn/lib"];
 
-/// The folder of a checkout that `bootstrap.sh --denoiser` fills.
-const PROJECT_FOLDER: &str = ".oidn";
+/// The folder of a checkout that `bootstrap.sh --denoiser` fills; the parts of the library look for each other in `../lib`.
+const PROJECT_FOLDER: &str = ".oidn/lib";
 
 /// The library, opened at the first call and never closed.
 ///
@@ -125,7 +126,11 @@ fn open(oidn_dir: Option<OsString>) -> Result<Functions, LoadError> {
 /// The library in the first of the folders that hold one.
 fn first_in(folders: &[PathBuf]) -> Option<Result<Functions, LoadError>> {
     let path = folders.iter().flat_map(|folder| NAMES.map(|name| folder.join(name))).find(|path| path.exists())?;
-    Some(load(&path).map_err(|error| LoadError::Unusable { path, reason: error.to_string() }))
+    Some(load(&path).map_err(|error| {
+        // What the loader says comes as the cause.
+        let reason = error.source().map_or(error.to_string(), ToString::to_string);
+        LoadError::Unusable { path, reason }
+    }))
 }
 
 fn load(path: &Path) -> Result<Functions, libloading::Error> {
