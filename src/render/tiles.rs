@@ -119,7 +119,7 @@ fn render_in_passes(
                 painter.add(sum, view.seed, done..next)?;
                 painter.look()?;
             }
-            Ok(())
+            Ok::<(), RenderError>(())
         })?;
         done = next;
         let a_path = start.elapsed().as_secs_f64() / f64::from(done);
