@@ -66,6 +66,9 @@ pub struct Contribution {
     pub normal: Vec3,
     /// Colour of the first surface or smoke, or zero.
     pub albedo: Rgb,
+    /// Where the path met a shadow catcher: luminance that it reflects [W/(m² sr)], and luminance that it would reflect
+    /// if nothing cast a shadow. They are no part of `radiance` and `alpha`.
+    pub shadow: Option<[f32; 2]>,
 }
 
 /// Running moments of one pixel (Welford 1962), in f64 so that millions of samples do not stall.
@@ -77,6 +80,9 @@ pub struct PixelSum {
     alpha: f64,
     normal: glam::DVec3,
     albedo: glam::DVec3,
+    /// Paths that met shadow catchers, and the sums of what they brought.
+    caught: u32,
+    shadow: [f64; 2],
 }
 
 impl PixelSum {
@@ -90,6 +96,18 @@ impl PixelSum {
         self.alpha += f64::from(c.alpha);
         self.normal += c.normal.as_dvec3();
         self.albedo += c.albedo.as_dvec3();
+        if let Some([lit, unshadowed]) = c.shadow {
+            self.caught += 1;
+            self.shadow[0] += f64::from(lit);
+            self.shadow[1] += f64::from(unshadowed);
+        }
+    }
+
+    /// Share of light that shadows take from catchers, from the means of all paths that met one: the mean of ratios would
+    /// be another number. Places without any light have no shadow.
+    fn shadow(&self) -> f64 {
+        let [lit, unshadowed] = self.shadow;
+        if unshadowed > 0.0 { (1.0 - lit / unshadowed).clamp(0.0, 1.0) } else { 0.0 }
     }
 
     /// The pixel after all its paths; with one path the variance is unknown and stands as infinite.
@@ -99,7 +117,7 @@ impl PixelSum {
         Pixel {
             mean: self.mean.as_vec3(),
             variance: variance.as_vec3(),
-            alpha: (self.alpha / n) as f32,
+            alpha: ((self.alpha + f64::from(self.caught) * self.shadow()) / n) as f32,
             normal: (self.normal / n).as_vec3(),
             albedo: (self.albedo / n).as_vec3(),
             depth,

@@ -4,6 +4,7 @@
 
 pub mod bsdf;
 pub mod camera;
+pub mod catcher;
 pub mod color;
 pub mod dense;
 pub mod environment;
@@ -45,7 +46,7 @@ use crate::render::filter::Filter;
 use crate::render::image_texture::{ImageTexture, LatLong, Planar, Projection, Triplanar};
 use crate::render::integrator::PathLimits;
 use crate::render::light::{Light, Rectangle, Sphere};
-use crate::render::material::{Material, MaterialKind};
+use crate::render::material::{Material, MaterialKind, Sight};
 use crate::render::medium::Medium;
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
@@ -229,9 +230,26 @@ pub fn build_materials(scene: &Scene, geometry: &Geometry, store: &mut TextureSt
             let emission = (!emission.is_black()).then(|| texture(emission, pictures, time));
             let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
             let flow = flow.map(|(flow, solid)| surface_flow(flow, solid, time, cache_bytes, last));
-            Material { kind: material_kind(&shape.material), color, emission, moved: placed.moved, flow }
+            Material {
+                kind: material_kind(&shape.material),
+                color,
+                emission,
+                moved: placed.moved,
+                flow,
+                is_one_sided: !shape.two_sided,
+                sight: sight(shape),
+            }
         })
         .collect()
+}
+
+fn sight(shape: &settings::Shape) -> Sight {
+    match (shape.invisible_to_camera, shape.holdout, shape.shadow_catcher) {
+        (true, ..) => Sight::Through,
+        (_, true, _) => Sight::Hole,
+        (.., true) => Sight::Shadow,
+        _ => Sight::Whole,
+    }
 }
 
 fn material_kind(material: &settings::Material) -> MaterialKind {

@@ -121,8 +121,7 @@ fn render_pixel(
     let ray = ray_at(middle);
     let depth = integrator
         .world
-        .surfaces
-        .intersect(&ray, 0.0, f32::INFINITY)
+        .seen_by_camera(&ray)
         .map_or(f32::INFINITY, |hit| hit.t * ray.direction.dot(*view.camera.forward()));
     Ok(sum.finish(depth))
 }
