@@ -61,14 +61,14 @@ pub enum MaterialKind {
     /// A metal. Its colour is the share of what the bare metal reflects.
     Conductor {
         /// Its roughness.
-        metal: Metal,
+        metal: Box<Metal>,
         /// What the bare metal reflects.
         color: MetalColor,
     },
     /// Glass. Its colour is the share let through of what is not reflected.
-    Dielectric(Glass),
+    Dielectric(Box<Glass>),
     /// A diffuse base under a clear coat. Its colour is the share of light that the base reflects.
-    Plastic(Plastic),
+    Plastic(Box<Plastic>),
     /// A mix. Its colour is that of all parts but the coat.
     Principled(Box<Principled>),
 }

@@ -260,10 +260,17 @@ fn material_kind(material: &settings::Material) -> MaterialKind {
                 (None, Some(eta), Some(k)) => Index { eta: vec3(eta), k: vec3(k) },
                 (metal, ..) => metal_index(metal.expect("validation refuses conductors without an index")),
             };
-            MaterialKind::Conductor { metal: Metal::new(c.roughness as f32), color: MetalColor::measured(eta, k) }
+            MaterialKind::Conductor {
+                metal: Box::new(Metal::new(c.roughness as f32)),
+                color: MetalColor::measured(eta, k),
+            }
         }
-        settings::Material::Dielectric(d) => MaterialKind::Dielectric(Glass::new(d.ior as f32, d.roughness as f32)),
-        settings::Material::Plastic(p) => MaterialKind::Plastic(Plastic::new(p.ior as f32, p.roughness as f32)),
+        settings::Material::Dielectric(d) => {
+            MaterialKind::Dielectric(Box::new(Glass::new(d.ior as f32, d.roughness as f32)))
+        }
+        settings::Material::Plastic(p) => {
+            MaterialKind::Plastic(Box::new(Plastic::new(p.ior as f32, p.roughness as f32)))
+        }
         settings::Material::Principled(p) => MaterialKind::Principled(Box::new(Principled::new(&PrincipledSettings {
             metallic: p.metallic as f32,
             roughness: p.roughness as f32,
