@@ -103,7 +103,7 @@ macro_rules! scenes {
     )* };
 }
 
-scenes!(thin, solids, ring_small, dense, inside, veil, sky);
+scenes!(thin, solids, ring_small, dense, inside, veil, sky, glass);
 
 /// Nothing to prove while references are being made.
 fn is_remaking() -> bool {

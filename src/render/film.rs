@@ -73,6 +73,9 @@ pub struct Contribution {
     pub by_passage: [Rgb; Passage::ALL.len()],
     /// Radiance by groups of sources; adds to `radiance`.
     pub by_group: [Rgb; GROUP_MAX],
+    /// Where the path met a shadow catcher: luminance that it reflects [W/(m² sr)], and luminance that it would reflect
+    /// if nothing cast a shadow. They are no part of `radiance` and `alpha`.
+    pub shadow: Option<[f32; 2]>,
 }
 
 impl Contribution {
@@ -134,6 +137,9 @@ impl Moments {
 pub struct PixelSum {
     moments: Moments,
     alpha: f64,
+    /// Paths that met shadow catchers, and the sums of what they brought.
+    caught: f64,
+    shadow: [f64; 2],
     coverage: Coverage,
     layers: LayerSums,
 }
@@ -141,7 +147,14 @@ pub struct PixelSum {
 impl PixelSum {
     /// Nothing yet.
     pub fn new(layers: &[Layer]) -> Self {
-        Self { moments: Moments::default(), alpha: 0.0, coverage: Coverage::default(), layers: LayerSums::new(layers) }
+        Self {
+            moments: Moments::default(),
+            alpha: 0.0,
+            caught: 0.0,
+            shadow: [0.0; 2],
+            coverage: Coverage::default(),
+            layers: LayerSums::new(layers),
+        }
     }
 
     /// Adds one path; `layers` are those that it was made with.
@@ -150,6 +163,10 @@ impl PixelSum {
         self.alpha += f64::from(path.alpha);
         if let Some(shape_idx) = path.shape_idx {
             self.coverage.add(shape_idx, 1.0);
+        }
+        if let Some(shadow) = path.shadow {
+            self.caught += 1.0;
+            (0..2).for_each(|i| self.shadow[i] += f64::from(shadow[i]));
         }
         self.layers.add(layers, path);
     }
@@ -170,6 +187,8 @@ impl PixelSum {
                 squares: variance * n * (n - 1.0),
             },
             alpha: 0.5 * n * (a.alpha / na + b.alpha / nb),
+            caught: 0.5 * n * (a.caught / na + b.caught / nb),
+            shadow: [0, 1].map(|i| 0.5 * n * (a.shadow[i] / na + b.shadow[i] / nb)),
             coverage,
             layers: LayerSums::of_halves([&a.layers, &b.layers], [0.5 * n / na, 0.5 * n / nb]),
         }
@@ -185,8 +204,15 @@ impl PixelSum {
         Pixel {
             mean: self.moments.mean(),
             variance: self.moments.variance_of_mean(),
-            alpha: (self.alpha / f64::from(self.moments.count.max(1))) as f32,
+            alpha: ((self.alpha + self.caught * self.shadow()) / f64::from(self.moments.count.max(1))) as f32,
         }
+    }
+
+    /// Share of light that shadows take from catchers, from the means of all paths that met one: the mean of ratios would
+    /// be another number. Places without any light have no shadow.
+    fn shadow(&self) -> f64 {
+        let [lit, unshadowed] = self.shadow;
+        if unshadowed > 0.0 { (1.0 - lit / unshadowed).clamp(0.0, 1.0) } else { 0.0 }
     }
 
     /// The numbers of the further layers, channel after channel, at the end of `out`.

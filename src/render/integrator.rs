@@ -9,13 +9,14 @@
 use crate::geometry::embree::{Hit, Ray};
 use crate::math::space::UnitVec3;
 use crate::render::bsdf::microfacet::bent;
+use crate::render::catcher::Caught;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
 use crate::render::light_path::{EMISSION_GROUP, Passage};
-use crate::render::material::SurfacePoint;
+use crate::render::material::{Sight, SurfacePoint};
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::tracking::{Event, estimate_tinted_transmittance, estimate_transmittance, sample_collision};
@@ -47,7 +48,19 @@ pub struct Integrator<'a> {
 
 impl<'a> Integrator<'a> {
     /// Traces one path backwards from the camera along `ray`.
-    pub fn trace(&self, mut ray: Ray, sampler: &mut Sampler, counts: &mut PathCounts) -> Contribution {
+    pub fn trace(&self, ray: Ray, sampler: &mut Sampler, counts: &mut PathCounts) -> Contribution {
+        let mut catcher = None;
+        let contribution = self.trace_path(ray, sampler, counts, &mut catcher);
+        catcher.map_or(contribution, |caught: Caught| caught.out_of(contribution))
+    }
+
+    fn trace_path(
+        &self,
+        mut ray: Ray,
+        sampler: &mut Sampler,
+        counts: &mut PathCounts,
+        catcher: &mut Option<Caught>,
+    ) -> Contribution {
         let mut contribution = Contribution::default();
         let mut throughput = Vec3::ONE;
         // Square of the index of refraction where the path is.
@@ -63,7 +76,10 @@ impl<'a> Integrator<'a> {
                 let tint = self.medium.and_then(|medium| medium.tint);
                 chroma = tint.map(|ratios| Chroma::new(ratios, numbers[2]));
             }
-            let hit = self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY);
+            let hit = match bounce {
+                0 => self.world.seen_by_camera(&ray),
+                _ => self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY),
+            };
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
             let light = self.world.nearest_light(&ray, surface_t);
             let t_max = light.as_ref().map_or(surface_t, |met| met.t);
@@ -84,9 +100,16 @@ impl<'a> Integrator<'a> {
                         return contribution;
                     }
                     (None, Some(hit)) => {
+                        let material = &self.world.materials[hit.shape_idx as usize];
                         let is_front = hit.normal.dot(*ray.direction) < 0.0;
-                        let point = self.world.materials[hit.shape_idx as usize].at(hit.position, hit.shading_normal);
-                        let point = if is_front { point } else { point.from_inside() };
+                        let point = material.seen(hit.position, hit.shading_normal, is_front);
+                        match material.sight {
+                            Sight::Hole if bounce == 0 => return contribution,
+                            Sight::Shadow if bounce == 0 => {
+                                *catcher = Some(Caught::new(contribution, carried * point.emitted));
+                            }
+                            _ => {}
+                        }
                         // No light of the direct connections, so that every path that meets it counts in full.
                         contribution.add_scattered(carried * point.emitted, bounce, EMISSION_GROUP);
                         surface_vertex(hit, ray.direction, &point)
@@ -109,10 +132,17 @@ impl<'a> Integrator<'a> {
             counts.bounces += 1;
             contribution.bounces += 1;
             self.add_direct_light(&vertex, carried, bounce, sampler, &mut contribution);
+            if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
+                caught.add_unshadowed(carried * self.direct_light_unshadowed(&vertex, bounce, sampler));
+            }
             let u = sampler.numbers(Dimension::Direction, bounce);
             let Some(scattering) = vertex.sample([u[0], u[1], u[2]]) else { return contribution };
             throughput *= scattering.weight;
             eta_sq *= scattering.eta_sq;
+            let next = Ray { origin: vertex.leave(scattering.direction), direction: scattering.direction };
+            if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
+                caught.add_unshadowed(self.met_unshadowed(&next, carried * scattering.weight, scattering.pdf));
+            }
             if bounce >= self.limits.roulette_from {
                 // Inside glass, throughput is small only because radiance is large there.
                 let survival = (carried * scattering.weight).max_element() * eta_sq;
@@ -127,7 +157,7 @@ impl<'a> Integrator<'a> {
                 return contribution;
             }
             direction_pdf = scattering.pdf;
-            ray = Ray { origin: vertex.leave(scattering.direction), direction: scattering.direction };
+            ray = next;
         }
         unreachable!("the loop ends by returning")
     }
@@ -174,16 +204,44 @@ impl<'a> Integrator<'a> {
         sampler: &mut Sampler,
         out: &mut Contribution,
     ) {
+        let Some((unshadowed, sample, target)) = self.connection(vertex, bounce, sampler) else { return };
+        let light = throughput * (unshadowed * self.transmittance_to(vertex, &sample, target, sampler));
+        out.add_scattered(light, bounce + 1, self.world.groups[target]);
+    }
+
+    /// One light, as seen from the vertex: what would be scattered back along the path were nothing in the way.
+    fn connection(&self, vertex: &Vertex, bounce: u32, sampler: &mut Sampler) -> Option<(Rgb, LightSample, usize)> {
         let u = sampler.numbers(Dimension::Light, bounce);
-        let Some(target) = self.world.choose_light(u[0]) else { return };
+        let target = self.world.choose_light(u[0])?;
         let pmf = self.world.pmf(target);
-        let Some(sample) = self.world.lights[target].sample(vertex.point(), [u[1], u[2]]) else { return };
+        let sample = self.world.lights[target].sample(vertex.point(), [u[1], u[2]])?;
         let mis = sample.pdf.map_or(1.0, |pdf| power_weight(pdf * pmf, vertex.pdf(sample.direction)));
         let unshadowed = vertex.value(sample.direction) * sample.weight * (mis / pmf);
-        if unshadowed.max_element() > 0.0 {
-            let light = throughput * (unshadowed * self.transmittance_to(vertex, &sample, target, sampler));
-            out.add_scattered(light, bounce + 1, self.world.groups[target]);
+        (unshadowed.max_element() > 0.0).then_some((unshadowed, sample, target))
+    }
+
+    /// As the direct light of the same numbers, had shapes and smoke no shadow, but for other shadow catchers.
+    fn direct_light_unshadowed(&self, vertex: &Vertex, bounce: u32, sampler: &mut Sampler) -> Rgb {
+        let Some((unshadowed, sample, target)) = self.connection(vertex, bounce, sampler) else { return Vec3::ZERO };
+        let ray = Ray { origin: vertex.leave(sample.direction), direction: sample.direction };
+        let t_max = sample.distance * (1.0 - 1e-4);
+        let is_blocked = self.world.nearest_catcher(&ray, t_max).is_some();
+        if is_blocked || self.world.is_behind_light(&ray, t_max, target) { Vec3::ZERO } else { unshadowed }
+    }
+
+    /// Light that a path meets by itself were there nothing but lights and shadow catchers.
+    fn met_unshadowed(&self, ray: &Ray, throughput: Rgb, direction_pdf: Option<f32>) -> Rgb {
+        let catcher = self.world.nearest_catcher(ray, f32::INFINITY);
+        let t_max = catcher.map_or(f32::INFINITY, |hit| hit.t);
+        if let Some(met) = self.world.nearest_light(ray, t_max) {
+            return throughput * met.radiance * met_weight(direction_pdf, met.pdf);
         }
+        let mut met = Contribution::default();
+        if catcher.is_none() {
+            // As light that was scattered once: lights that the camera does not see shine too.
+            self.add_background(ray, throughput, direction_pdf, 1, &mut met);
+        }
+        met.radiance
     }
 
     fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> Rgb {

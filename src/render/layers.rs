@@ -145,7 +145,7 @@ impl Layer {
 impl Middle {
     /// Looks along the ray through the middle of a pixel.
     pub fn look(integrator: &Integrator, camera: &Camera, ray: &Ray) -> Self {
-        let hit = integrator.world.surfaces.intersect(ray, 0.0, f32::INFINITY);
+        let hit = integrator.world.seen_by_camera(ray);
         let end = hit.as_ref().map_or(f32::INFINITY, |hit| hit.t);
         let view = integrator.medium.map(|medium| dense::view_through(medium, ray, end));
         let depth = |t: f32| if t.is_finite() { camera.depth(ray, t) } else { t };

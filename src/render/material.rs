@@ -25,6 +25,23 @@ pub struct Material {
     pub moved: Similarity,
     /// What carries textures along its surface.
     pub flow: Option<Arc<SurfaceFlow>>,
+    /// Whether its inside is black.
+    pub is_one_sided: bool,
+    /// What the camera sees of it.
+    pub sight: Sight,
+}
+
+/// What the camera sees of a shape where it looks at it straight. All other light meets it as any.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sight {
+    /// The shape.
+    Whole,
+    /// What is behind it.
+    Through,
+    /// A hole in the picture.
+    Hole,
+    /// The shadow on it.
+    Shadow,
 }
 
 /// What light meets at a point of a surface.
@@ -44,19 +61,34 @@ pub enum MaterialKind {
     /// A metal. Its colour is the share of what the bare metal reflects.
     Conductor {
         /// Its roughness.
-        metal: Metal,
+        metal: Box<Metal>,
         /// What the bare metal reflects.
         color: MetalColor,
     },
     /// Glass. Its colour is the share let through of what is not reflected.
-    Dielectric(Glass),
+    Dielectric(Box<Glass>),
     /// A diffuse base under a clear coat. Its colour is the share of light that the base reflects.
-    Plastic(Plastic),
+    Plastic(Box<Plastic>),
     /// A mix. Its colour is that of all parts but the coat.
     Principled(Box<Principled>),
 }
 
 impl Material {
+    /// The material at a point of the surface with its outward normal, seen `from_outside` or from inside.
+    pub fn seen(&self, point: WorldPoint, normal: UnitVec3, from_outside: bool) -> SurfacePoint<'_> {
+        if from_outside {
+            return self.at(point, normal);
+        }
+        if self.is_one_sided {
+            return SurfacePoint { bsdf: Bsdf::Diffuse { reflectance: Vec3::ZERO }, emitted: Vec3::ZERO };
+        }
+        let mut seen = self.at(point, normal);
+        if let Bsdf::Dielectric { is_front, .. } | Bsdf::Principled { is_front, .. } = &mut seen.bsdf {
+            *is_front = false;
+        }
+        seen
+    }
+
     /// The material at a point of the surface with its outward normal, seen from outside.
     ///
     /// What flows brings its own normal along: textures are those of the place that it came from.
@@ -75,16 +107,6 @@ impl Material {
             bsdf: self.kind.with_color(self.color.at(p, normal)),
             emitted: self.emission.as_ref().map_or(Vec3::ZERO, |emission| emission.at(p, normal)),
         }
-    }
-}
-
-impl SurfacePoint<'_> {
-    /// The same point, seen from inside.
-    pub fn from_inside(mut self) -> Self {
-        if let Bsdf::Dielectric { is_front, .. } | Bsdf::Principled { is_front, .. } = &mut self.bsdf {
-            *is_front = false;
-        }
-        self
     }
 }
 

@@ -6,6 +6,7 @@ pub mod adaptive;
 pub mod blackbody;
 pub mod bsdf;
 pub mod camera;
+pub mod catcher;
 pub mod chroma;
 pub mod color;
 pub mod cryptomatte;
@@ -54,7 +55,7 @@ use crate::render::integrator::PathLimits;
 use crate::render::layers::{Layer, group_layers};
 use crate::render::light::{Light, Rectangle, Sphere};
 use crate::render::light_path::{OTHER_GROUP, Passage};
-use crate::render::material::{Material, MaterialKind};
+use crate::render::material::{Material, MaterialKind, Sight};
 use crate::render::medium::Medium;
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
@@ -260,9 +261,26 @@ pub fn build_materials(scene: &Scene, geometry: &Geometry, store: &mut TextureSt
             let emission = (!emission.is_black()).then(|| texture(emission, pictures, time));
             let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
             let flow = flow.map(|(flow, solid)| surface_flow(flow, solid, time, cache_bytes, last));
-            Material { kind: material_kind(&shape.material), color, emission, moved: placed.moved, flow }
+            Material {
+                kind: material_kind(&shape.material),
+                color,
+                emission,
+                moved: placed.moved,
+                flow,
+                is_one_sided: !shape.two_sided,
+                sight: sight(shape),
+            }
         })
         .collect()
+}
+
+fn sight(shape: &settings::Shape) -> Sight {
+    match (shape.invisible_to_camera, shape.holdout, shape.shadow_catcher) {
+        (true, ..) => Sight::Through,
+        (_, true, _) => Sight::Hole,
+        (.., true) => Sight::Shadow,
+        _ => Sight::Whole,
+    }
 }
 
 fn material_kind(material: &settings::Material) -> MaterialKind {
@@ -273,10 +291,17 @@ fn material_kind(material: &settings::Material) -> MaterialKind {
                 (None, Some(eta), Some(k)) => Index { eta: vec3(eta), k: vec3(k) },
                 (metal, ..) => metal_index(metal.expect("validation refuses conductors without an index")),
             };
-            MaterialKind::Conductor { metal: Metal::new(c.roughness as f32), color: MetalColor::measured(eta, k) }
+            MaterialKind::Conductor {
+                metal: Box::new(Metal::new(c.roughness as f32)),
+                color: MetalColor::measured(eta, k),
+            }
         }
-        settings::Material::Dielectric(d) => MaterialKind::Dielectric(Glass::new(d.ior as f32, d.roughness as f32)),
-        settings::Material::Plastic(p) => MaterialKind::Plastic(Plastic::new(p.ior as f32, p.roughness as f32)),
+        settings::Material::Dielectric(d) => {
+            MaterialKind::Dielectric(Box::new(Glass::new(d.ior as f32, d.roughness as f32)))
+        }
+        settings::Material::Plastic(p) => {
+            MaterialKind::Plastic(Box::new(Plastic::new(p.ior as f32, p.roughness as f32)))
+        }
         settings::Material::Principled(p) => MaterialKind::Principled(Box::new(Principled::new(&PrincipledSettings {
             metallic: p.metallic as f32,
             roughness: p.roughness as f32,

@@ -1,11 +1,14 @@
 //! Everything that light meets but smoke: surfaces, materials and lights, and which light is asked for a connection.
 
-use crate::geometry::embree::{Ray, TraceScene};
+use crate::geometry::embree::{Hit, Ray, TraceScene};
 use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::light::Light;
 use crate::render::light_path::OTHER_GROUP;
-use crate::render::material::Material;
+use crate::render::material::{Material, Sight};
+
+/// Surfaces that a ray passes before it counts as lost among them: an end for rays that rounding holds in a place.
+const SURFACES_PASSED_MAX: u32 = 10_000;
 
 /// Everything that light meets, but for the smoke, which changes from frame to frame.
 pub struct World {
@@ -54,6 +57,31 @@ impl World {
         Self { surfaces, materials, lights, groups, choice }
     }
 
+    /// The nearest surface that a ray of the camera meets.
+    pub fn seen_by_camera(&self, ray: &Ray) -> Option<Hit> {
+        self.first_hit(ray, f32::INFINITY, |material| material.sight != Sight::Through)
+    }
+
+    /// The nearest surface before `t_max` of a material that `stops` the ray; others are as if they were not there.
+    fn first_hit(&self, ray: &Ray, t_max: f32, stops: impl Fn(&Material) -> bool) -> Option<Hit> {
+        let (mut start, mut passed) = (*ray, 0.0);
+        for _ in 0..SURFACES_PASSED_MAX {
+            let mut hit = self.surfaces.intersect(&start, 0.0, t_max - passed)?;
+            hit.t += passed;
+            if stops(&self.materials[hit.shape_idx as usize]) {
+                return Some(hit);
+            }
+            passed = hit.t;
+            start = Ray { origin: hit.offset_origin(ray.direction), direction: ray.direction };
+        }
+        None
+    }
+
+    /// What would be in the way if there were lights and shadow catchers only: the nearest of the latter, before `t_max`.
+    pub fn nearest_catcher(&self, ray: &Ray, t_max: f32) -> Option<Hit> {
+        self.first_hit(ray, t_max, |material| material.sight == Sight::Shadow)
+    }
+
     /// The light chosen by the uniform number `u`.
     pub fn choose_light(&self, u: f32) -> Option<usize> {
         let last = *self.choice.last()?;
@@ -78,8 +106,13 @@ impl World {
 
     /// Whether a surface or a light other than number `target` is in the way.
     pub fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
+        self.surfaces.is_occluded(ray, 0.0, t_max) || self.is_behind_light(ray, t_max, target)
+    }
+
+    /// Whether a light other than number `target` is in the way.
+    pub fn is_behind_light(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
         let behind_light =
             |(i, light): (usize, &Light)| i != target && light.intersect(ray).is_some_and(|h| h.t < t_max);
-        self.surfaces.is_occluded(ray, 0.0, t_max) || self.lights.iter().enumerate().any(behind_light)
+        self.lights.iter().enumerate().any(behind_light)
     }
 }

@@ -240,6 +240,7 @@ impl<'s> Check<'s, '_, '_> {
             self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
         }
         self.material(&format!("{key}.material"), &shape.material);
+        self.sight(key, shape);
         if let Some(flow) = &shape.surface_flow {
             self.surface_flow(&format!("{key}.surface_flow"), flow, shape.plane.is_some());
         }

@@ -1,7 +1,7 @@
 //! What a schema cannot say about materials and textures.
 
 use crate::schema::decimal;
-use crate::settings::{Conductor, FlowNoise, ImageTexture, Material, Projection, SurfaceFlow, Texture};
+use crate::settings::{Conductor, FlowNoise, ImageTexture, Material, Projection, Shape, SurfaceFlow, Texture};
 use crate::validate::{Check, length};
 
 impl Check<'_, '_, '_> {
@@ -27,6 +27,38 @@ impl Check<'_, '_, '_> {
         self.texture(&format!("{key}.{emission_key}"), emission);
         if let Material::Conductor(conductor) = material {
             self.conductor(&format!("{key}.conductor"), conductor);
+        }
+    }
+
+    /// What the camera sees of a shape, and of its sides.
+    pub(crate) fn sight(&mut self, key: &str, shape: &Shape) {
+        let flags = [
+            ("invisible_to_camera", shape.invisible_to_camera),
+            ("holdout", shape.holdout),
+            ("shadow_catcher", shape.shadow_catcher),
+        ];
+        let mut given = flags.into_iter().filter(|(_, flag)| *flag).map(|(name, _)| name);
+        let Some(first) = given.next() else { return self.sides(key, shape) };
+        for other in given {
+            let message = format!("the camera sees a shape in one way, but `{first}` is true too");
+            self.error_help(&format!("{key}.{other}"), key, message, format!("leave out `{first}` or `{other}`"));
+        }
+        if !shape.visible {
+            let message = format!("no light meets a shape that is not `visible`, so that `{first}` has no effect");
+            self.error_help(&format!("{key}.{first}"), key, message, format!("leave out `visible` or `{first}`"));
+        }
+        self.sides(key, shape);
+    }
+
+    fn sides(&mut self, key: &str, shape: &Shape) {
+        let is_clear = match &shape.material {
+            Material::Dielectric(_) => true,
+            Material::Principled(principled) => principled.transmission > 0.0,
+            _ => false,
+        };
+        if !shape.two_sided && is_clear {
+            let message = "light that goes through a surface meets its inside too";
+            self.error_help(&format!("{key}.two_sided"), key, message, "leave out `two_sided`");
         }
     }
 

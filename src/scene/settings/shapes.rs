@@ -45,6 +45,32 @@ pub struct Shape {
     /// Whether light meets it; an invisible shape still guides the flow. Default true.
     #[serde(default = "yes")]
     pub visible: bool,
+    /// Whether the inside of its surface is as the outside. Otherwise it is black there: it reflects and gives off light
+    /// outwards only. Not for what light goes through. Default true.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub two_sided: bool,
+    /// Whether the camera looks through it, as if it were not there; light still meets it. Default false.
+    #[serde(default, skip_serializing_if = "is_no")]
+    pub invisible_to_camera: bool,
+    /// Whether it is cut out of the picture, black and with alpha 0 where the camera sees it without a mirror or glass in
+    /// between; light still meets it. Laid `over` a picture of the shape itself, this is the whole picture. Default false.
+    #[serde(default, skip_serializing_if = "is_no")]
+    pub holdout: bool,
+    /// Whether the camera sees only the shadow on it: black, with an alpha that darkens a picture it is laid `over`. Alpha is 1
+    /// − (luminance that it reflects)/(luminance that it would reflect without smoke and other shapes), at least 0: light that
+    /// they add, and colours of shadows, are lost. It is a ratio of two means over the paths of a pixel, which some dozen paths
+    /// make good enough. Other catchers, and the surroundings behind them, are as they are: give `environment` with `visible:
+    /// false`. Default false.
+    #[serde(default, skip_serializing_if = "is_no")]
+    pub shadow_catcher: bool,
+}
+
+fn is_yes(flag: &bool) -> bool {
+    *flag
+}
+
+fn is_no(flag: &bool) -> bool {
+    !*flag
 }
 
 /// A ball.
