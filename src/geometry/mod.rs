@@ -205,7 +205,8 @@ impl Geometry {
     pub fn camera_warning(&self, scene: &Scene) -> Option<String> {
         let camera = DVec3::from_array(scene.settings.camera.position);
         // A container may be the room that the camera stands in.
-        let is_solid = |shape: &Shape| shape.visible && !scene.settings.flow.holders().any(|name| *name == shape.name);
+        let is_seen = |shape: &Shape| shape.visible && !scene.settings.shapes[&shape.name].invisible_to_camera;
+        let is_solid = |shape: &Shape| is_seen(shape) && !scene.settings.flow.holders().any(|name| *name == shape.name);
         let around = self.at(0.0).shapes.into_iter().find(|shape| is_solid(shape) && shape.contains(camera))?;
         let place = scene.place("camera.position");
         let is_plane = scene.settings.shapes.get(&around.name).is_some_and(|shape| shape.plane.is_some());
