@@ -39,11 +39,11 @@ fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
 fn pixel(stage: &Stage, medium: Option<&Medium>, count: u32, ray: Ray) -> Pixel {
     let limits = render::build_view(&stage.scene, 1, None).limits;
     let integrator = Integrator { world: &stage.world, medium, limits };
-    let (mut sum, mut counts) = (PixelSum::default(), PathCounts::default());
+    let (mut sum, mut counts) = (PixelSum::new(&[]), PathCounts::default());
     for i in 0..count {
-        sum.add(&integrator.trace(ray, &mut Sampler::new(Seed(7), 0, 0, i), &mut counts));
+        sum.add(&[], &integrator.trace(ray, &mut Sampler::new(Seed(7), 0, 0, i), &mut counts));
     }
-    sum.finish(0.0)
+    sum.finish()
 }
 
 const WHITE: &str = "[1, 1, 1]";
