@@ -11,7 +11,7 @@ use crate::math::space::UnitVec3;
 use crate::render::color::Rgb;
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
-use crate::render::light::{Light, LightSample};
+use crate::render::light::LightSample;
 use crate::render::material::Bsdf;
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
@@ -133,13 +133,10 @@ impl<'a> Integrator<'a> {
 
     fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, is_camera: bool, out: &mut Contribution) {
         for (i, light) in self.world.lights.iter().enumerate() {
-            let Light::Environment(environment) = light else { continue };
-            if is_camera && !environment.is_visible {
-                continue;
-            }
+            let Some(radiance) = light.beyond(ray, is_camera) else { continue };
             let pmf = self.world.pmf(i);
-            let light_pdf = if pmf > 0.0 { pmf * environment.pdf(ray.direction) } else { 0.0 };
-            out.radiance += throughput * environment.radiance(ray.direction) * met_weight(pdf, light_pdf);
+            let light_pdf = if pmf > 0.0 { pmf * light.pdf_beyond(ray.direction) } else { 0.0 };
+            out.radiance += throughput * radiance * met_weight(pdf, light_pdf);
             out.alpha = 1.0;
         }
     }

@@ -4,19 +4,15 @@ use crate::geometry::embree::Ray;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::color::{Rgb, luminance};
 use crate::render::environment::Environment;
+use crate::render::sun::Sun;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 /// A source of light.
 #[derive(Debug, Clone)]
 pub enum Light {
-    /// Parallel light.
-    Sun {
-        /// Direction of travel of the light.
-        direction: UnitVec3,
-        /// Irradiance on a surface facing it [W/m²].
-        irradiance: Rgb,
-    },
+    /// Parallel light, or a disk of the sky.
+    Sun(Sun),
     /// Light from infinitely far.
     Environment(Environment),
     /// A rectangle that shines from its front.
@@ -170,9 +166,7 @@ impl Light {
     /// A direction from `from` towards the light, from two uniform numbers; `None` where no light comes from it.
     pub fn sample(&self, from: WorldPoint, u: [f32; 2]) -> Option<LightSample> {
         match self {
-            Light::Sun { direction, irradiance } => {
-                Some(LightSample { direction: -*direction, distance: f32::INFINITY, weight: *irradiance, pdf: None })
-            }
+            Light::Sun(sun) => Some(sun.sample(u)),
             Light::Environment(environment) => {
                 let s = environment.sample(u);
                 (s.pdf > 0.0).then(|| LightSample {
@@ -209,7 +203,26 @@ impl Light {
         match self {
             Light::Rectangle(rectangle) => rectangle.intersect(ray),
             Light::Sphere(sphere) => sphere.intersect(ray),
-            Light::Sun { .. } | Light::Environment(_) | Light::Point { .. } => None,
+            Light::Sun(_) | Light::Environment(_) | Light::Point { .. } => None,
+        }
+    }
+
+    /// Radiance [W/(m² sr)] of a light infinitely far that a ray out of the scene meets; `is_camera` for rays that the
+    /// camera sends, which may be told not to see it.
+    pub fn beyond(&self, ray: &Ray, is_camera: bool) -> Option<Rgb> {
+        match self {
+            Light::Environment(sky) => (sky.is_visible || !is_camera).then(|| sky.radiance(ray.direction)),
+            Light::Sun(sun) if sun.is_visible || !is_camera => sun.met(ray.direction),
+            _ => None,
+        }
+    }
+
+    /// Density [1/sr] with which [`Light::sample`] returns a direction in which a light infinitely far is met.
+    pub fn pdf_beyond(&self, direction: UnitVec3) -> f32 {
+        match self {
+            Light::Environment(sky) => sky.pdf(direction),
+            Light::Sun(sun) => sun.pdf(),
+            _ => 0.0,
         }
     }
 
@@ -227,7 +240,7 @@ impl Light {
         // No light of an extent gives more than π times its radiance, however near and large it is.
         let of_disk = |radiance: Rgb, area: f32, p: WorldPoint| luminance(radiance) * (area * by_distance(p)).min(PI);
         match self {
-            Light::Sun { irradiance, .. } => luminance(*irradiance),
+            Light::Sun(sun) => luminance(sun.irradiance()),
             Light::Environment(environment) => PI * environment.mean_luminance(),
             Light::Rectangle(r) => of_disk(r.radiance, r.area, r.center),
             Light::Sphere(s) => of_disk(s.radiance, PI * s.radius * s.radius, s.center),

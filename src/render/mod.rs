@@ -17,6 +17,7 @@ pub mod medium;
 pub mod phase;
 pub mod picture;
 pub mod sampler;
+pub mod sun;
 pub mod surface_keys;
 pub mod texture;
 pub mod tiles;
@@ -43,6 +44,7 @@ use crate::render::material::{Material, MaterialKind};
 use crate::render::medium::Medium;
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
+use crate::render::sun::Sun;
 use crate::render::surface_keys::{FlowState, state_at};
 use crate::render::texture::{FlowNoise, Ramp, Texture};
 use crate::render::tiles::View;
@@ -391,10 +393,12 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
 
 fn light(scene: &Scene, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
     Ok(match light {
-        settings::Light::Sun(sun) => Light::Sun {
-            direction: UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
-            irradiance: vec3(sun.irradiance),
-        },
+        settings::Light::Sun(sun) => Light::Sun(Sun::new(
+            UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
+            vec3(sun.irradiance),
+            sun.angular_diameter_deg,
+            sun.visible,
+        )),
         settings::Light::Environment(e) => Light::Environment(environment(scene, e, load)?),
         settings::Light::Rectangle(r) => Light::Rectangle(
             Rectangle::try_new(world_point(r.center), vec3(r.half_u), vec3(r.half_v), vec3(r.radiance))

@@ -5,7 +5,7 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Material, Output, Part, Potential, Settings, Shape,
+    Camera, Capsule, Cuboid, Environment, Frames, Light, Mask, Material, Output, Part, Potential, Settings, Shape, Sun,
     Torus, Vec3,
 };
 use crate::tree::Node;
@@ -15,6 +15,9 @@ use std::path::Path;
 
 /// Most parts of a smooth union, each of which is evaluated at every point.
 const UNION_PARTS_MAX: usize = 64;
+
+/// Least diameter of a disk in the sky [degrees]: the rim of smaller ones is lost in the rounding of directions.
+const SUN_DIAMETER_MIN: f64 = 0.01;
 
 /// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
 pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
@@ -363,7 +366,7 @@ impl<'s> Check<'s, '_, '_> {
             let key = format!("lights[{index}]");
             let power = match light {
                 Light::Sun(sun) => {
-                    self.direction(&format!("{key}.sun.direction"), sun.direction);
+                    self.sun(&format!("{key}.sun"), sun);
                     sun.irradiance
                 }
                 Light::Environment(environment) => self.environment(&format!("{key}.environment"), environment),
@@ -386,6 +389,19 @@ impl<'s> Check<'s, '_, '_> {
         }
         if is_dark {
             self.warning("lights", "lights", "all lights are black", "raise one of them above 0");
+        }
+    }
+
+    fn sun(&mut self, key: &str, sun: &Sun) {
+        self.direction(&format!("{key}.direction"), sun.direction);
+        let diameter = sun.angular_diameter_deg;
+        let diameter_key = format!("{key}.angular_diameter_deg");
+        if diameter > 0.0 && diameter < SUN_DIAMETER_MIN {
+            let message = format!("must be 0, or at least {SUN_DIAMETER_MIN}, found {}", decimal(diameter));
+            self.error_help(&diameter_key, &diameter_key, message, "0 is parallel light; the real sun has 0.53");
+        } else if sun.visible && diameter == 0.0 {
+            let message = "parallel light cannot be seen: it has no disk";
+            self.warning(&format!("{key}.visible"), key, message, "set `angular_diameter_deg`; the real sun has 0.53");
         }
     }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum Light {
-    /// Parallel light.
+    /// Parallel light, or light from a disk of the sky.
     Sun(Sun),
     /// Light from all around, infinitely far: exactly one of `radiance`, `gradient`, `file`.
     Environment(Environment),
@@ -20,15 +20,33 @@ pub enum Light {
     Point(PointLight),
 }
 
-/// Parallel light.
+/// Parallel light, or light from a disk of the sky.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sun {
     /// Direction in which the light travels; any length but 0.
     pub direction: Vec3,
-    /// Irradiance on a surface that faces it [W/m²].
+    /// Irradiance on a surface that faces it [W/m²]: of a disk, one that faces its middle. Whatever the disk's size, this
+    /// is kept; a smaller disk is brighter.
     #[schemars(inner(range(min = 0.0)))]
     pub irradiance: Rgb,
+    /// Diameter of its disk in the sky [degrees]: 0, or at least 0.01. Shadows get soft edges of this angle. That of the real
+    /// sun is 0.53. Default 0, parallel light.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(min = 0.0, max = 180.0))]
+    pub angular_diameter_deg: f64,
+    /// Whether camera rays see the disk. Default false.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub visible: bool,
+}
+
+// What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
+fn is_false(x: &bool) -> bool {
+    !x
 }
 
 /// Light from all around.
