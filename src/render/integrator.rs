@@ -3,12 +3,14 @@
 //! A path flies freely through the smoke (delta tracking), scatters at smoke and surfaces, and at every scattering asks
 //! one light for a direct connection. Directions sampled by the light and by the scattering are weighted against each
 //! other by the power heuristic (Veach 1997, *Robust Monte Carlo methods for light transport simulation*, §9.2.4), so
-//! every light that a path meets by itself counts with the complementary weight. What smoke itself gives off is collected
-//! along every flight.
+//! every light that a path meets by itself counts with the complementary weight. Flights near lamps are lit at one more
+//! distance, see `equiangular.rs`; where that could have found the same connection, it is one more density to be weighted
+//! against. What smoke itself gives off is collected along every flight.
 
 use crate::geometry::embree::{Hit, Ray};
-use crate::math::space::UnitVec3;
+use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::color::Rgb;
+use crate::render::equiangular::{Nearby, flight_density};
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
 use crate::render::light::LightSample;
@@ -49,14 +51,19 @@ impl<'a> Integrator<'a> {
         let mut throughput = Vec3::ONE;
         // Density of the direction the path follows; None where no light was asked, as at the camera.
         let mut direction_pdf: Option<f32> = None;
+        let mut asked = Asked { point: ray.origin, flight: None };
         counts.traced += 1;
         for bounce in 0.. {
             let numbers = sampler.numbers(Dimension::Flight, bounce);
             let hit = self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY);
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
-            let light = self.world.nearest_light(&ray, surface_t);
-            let t_max = light.map_or(surface_t, |(t, ..)| t);
+            let light = self.world.nearest_light(&ray, surface_t, bounce == 0);
+            let t_max = light.map_or(surface_t, |light| light.t);
             let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler);
+            let nearby = self.nearby(&ray, t_max, bounce);
+            if let Some((medium, nearby)) = &nearby {
+                contribution.radiance += throughput * self.nearby_light(medium, nearby, &ray, bounce, sampler);
+            }
             if let Some(medium) = self.medium.filter(|medium| medium.emission != Vec3::ZERO) {
                 // No light of the direct connections either.
                 contribution.radiance += throughput * collected(medium, &ray, end);
@@ -64,19 +71,27 @@ impl<'a> Integrator<'a> {
             let vertex = match vertex {
                 Some(vertex) => vertex,
                 None => match (light, hit) {
-                    (Some((_, radiance, light_pdf)), _) => {
-                        contribution.radiance += throughput * radiance * met_weight(direction_pdf, light_pdf);
+                    (Some(met), _) => {
+                        let light_pdf = met.pdf * asked.density(self.world, met.light_idx);
+                        contribution.radiance += throughput * met.radiance * met_weight(direction_pdf, light_pdf);
                         contribution.alpha = 1.0;
                         return contribution;
                     }
                     (None, Some(hit)) => {
                         let point = self.world.materials[hit.shape_idx as usize].at(hit.position, hit.shading_normal);
-                        // No light of the direct connections, so that every path that meets it counts in full.
-                        contribution.radiance += throughput * point.emitted;
+                        // Textured light is none of the direct connections, so that every path that meets it counts in full.
+                        let weight = match self.world.surface_light(&hit, asked.point, ray.direction) {
+                            Some((i, pdf)) if direction_pdf.is_some() => {
+                                met_weight(direction_pdf, pdf * asked.density(self.world, i))
+                            }
+                            _ => 1.0,
+                        };
+                        contribution.radiance += throughput * point.emitted * weight;
                         self.surface_vertex(hit, ray.direction, point.bsdf)
                     }
                     (None, None) => {
-                        self.add_background(&ray, throughput, direction_pdf, bounce == 0, &mut contribution);
+                        let is_camera = bounce == 0;
+                        self.add_background(&ray, throughput, direction_pdf, &asked, is_camera, &mut contribution);
                         return contribution;
                     }
                 },
@@ -91,7 +106,8 @@ impl<'a> Integrator<'a> {
                 return contribution;
             }
             counts.bounces += 1;
-            contribution.radiance += throughput * self.direct_light(&vertex, bounce, sampler);
+            asked = Asked::at(&vertex, nearby, &ray, end);
+            contribution.radiance += throughput * self.direct_light(&vertex, &asked, bounce, sampler);
             let u = sampler.numbers(Dimension::Direction, bounce);
             let scattering = vertex.sample([u[0], u[1]]);
             throughput *= scattering.weight;
@@ -131,28 +147,70 @@ impl<'a> Integrator<'a> {
         Vertex::Surface { hit, before, normal: shading, bsdf }
     }
 
-    fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, is_camera: bool, out: &mut Contribution) {
+    fn add_background(
+        &self,
+        ray: &Ray,
+        throughput: Rgb,
+        pdf: Option<f32>,
+        asked: &Asked,
+        is_camera: bool,
+        out: &mut Contribution,
+    ) {
         for (i, light) in self.world.lights.iter().enumerate() {
             let Some(radiance) = light.beyond(ray, is_camera) else { continue };
-            let pmf = self.world.pmf(i);
-            let light_pdf = if pmf > 0.0 { pmf * light.pdf_beyond(ray.direction) } else { 0.0 };
+            let density = if pdf.is_some() { asked.density(self.world, i) } else { 0.0 };
+            let light_pdf = if density > 0.0 { density * light.pdf_beyond(ray.direction) } else { 0.0 };
             out.radiance += throughput * radiance * met_weight(pdf, light_pdf);
             out.alpha = 1.0;
         }
     }
 
     /// Light that reaches the vertex straight from one light, and is scattered back along the path.
-    fn direct_light(&self, vertex: &Vertex, bounce: u32, sampler: &mut Sampler) -> Rgb {
+    fn direct_light(&self, vertex: &Vertex, asked: &Asked, bounce: u32, sampler: &mut Sampler) -> Rgb {
         let u = sampler.numbers(Dimension::Light, bounce);
-        let Some(target) = self.world.choose_light(u[0]) else { return Vec3::ZERO };
-        let pmf = self.world.pmf(target);
+        let Some((target, pmf)) = self.world.choose_light(asked.point, u[0]) else { return Vec3::ZERO };
         let Some(sample) = self.world.lights[target].sample(vertex.point(), [u[1], u[2]]) else { return Vec3::ZERO };
-        let mis = sample.pdf.map_or(1.0, |pdf| power_weight(pdf * pmf, vertex.pdf(sample.direction)));
-        let unshadowed = vertex.value(sample.direction) * sample.weight * (mis / pmf);
+        let mis = connection_weight(vertex, &sample, pmf, asked.nearby_density(target));
+        self.connection(vertex, &sample, target, mis / pmf, sampler)
+    }
+
+    /// The lamps near a flight, and the smoke that they light.
+    fn nearby(&self, ray: &Ray, t_max: f32, bounce: u32) -> Option<(&'a Medium, Nearby<'a>)> {
+        let medium = self.medium.filter(|_| bounce < self.limits.max_bounces)?;
+        Some((medium, Nearby::find(&self.world.lights, self.world.lamps(), medium, ray, t_max, bounce)?))
+    }
+
+    /// Light of one of the lamps near a flight that is scattered once on the way, from a distance taken for that lamp.
+    fn nearby_light(&self, medium: &'a Medium, nearby: &Nearby, ray: &Ray, bounce: u32, sampler: &mut Sampler) -> Rgb {
+        let u = sampler.numbers(Dimension::Distance, bounce);
+        let Some(place) = nearby.sample(self.world.lamps(), [u[0], u[1]]) else { return Vec3::ZERO };
+        let flight = flight_density(medium, ray, place.t);
+        if flight <= 0.0 || place.density <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let vertex = Vertex::Smoke { point: ray.at(place.t), medium, before: ray.direction };
+        let light = &self.world.lights[place.light_idx];
+        let Some(sample) = light.sample(vertex.point(), [u[2], u[3]]) else { return Vec3::ZERO };
+        // Against free flight to the same place, which then asks the same light.
+        let pmf = self.world.pmf(vertex.point(), place.light_idx);
+        let mis = connection_weight(&vertex, &sample, place.density / flight, pmf);
+        self.connection(&vertex, &sample, place.light_idx, mis * flight / place.density, sampler)
+    }
+
+    /// What a connection brings, times `factor`.
+    fn connection(
+        &self,
+        vertex: &Vertex,
+        sample: &LightSample,
+        target: usize,
+        factor: f32,
+        sampler: &mut Sampler,
+    ) -> Rgb {
+        let unshadowed = vertex.value(sample.direction) * sample.weight * factor;
         if unshadowed.max_element() <= 0.0 {
             return Vec3::ZERO;
         }
-        unshadowed * self.transmittance_to(vertex, &sample, target, sampler)
+        unshadowed * self.transmittance_to(vertex, sample, target, sampler)
     }
 
     fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> f32 {
@@ -164,6 +222,51 @@ impl<'a> Integrator<'a> {
         }
         self.medium.map_or(1.0, |medium| estimate_transmittance(medium, &ray, sample.distance, sampler.stream()))
     }
+}
+
+/// Where a path was when it last asked a light, and what else could have found a connection there.
+struct Asked<'a> {
+    point: WorldPoint,
+    /// Lamps near the flight that ended there, its distance and the density of free flight for it.
+    flight: Option<(Nearby<'a>, f32, f32)>,
+}
+
+impl<'a> Asked<'a> {
+    fn at(vertex: &Vertex, nearby: Option<(&Medium, Nearby<'a>)>, ray: &Ray, t: f32) -> Self {
+        // A distance finds smoke, never a surface.
+        let nearby = nearby.filter(|_| matches!(vertex, Vertex::Smoke { .. }));
+        let flight = nearby.map(|(medium, nearby)| (nearby, t, flight_density(medium, ray, t)));
+        Self { point: vertex.point(), flight }
+    }
+
+    /// How much more often than free flight and a chosen light a distance taken for light `i` finds this place, times the
+    /// probability of that light.
+    fn nearby_density(&self, i: usize) -> f32 {
+        let Some((nearby, t, flight)) = &self.flight else { return 0.0 };
+        // Smoke that was met has a density; one that rounds to 0 is found by nothing else.
+        if *flight > 0.0 { nearby.density(i, *t) / flight } else { 0.0 }
+    }
+
+    /// Probability with which light `i` is asked, of both ways: the root of the sum of squares, as the power heuristic
+    /// weighs them.
+    fn density(&self, world: &World, i: usize) -> f32 {
+        let pmf = world.pmf(self.point, i);
+        match self.nearby_density(i) {
+            0.0 => pmf,
+            other => pmf.hypot(other),
+        }
+    }
+}
+
+/// Weight of a connection found by asking a light with probability `own`, when another way asks it with `other`, and when
+/// the path may meet the light by chance.
+fn connection_weight(vertex: &Vertex, sample: &LightSample, own: f32, other: f32) -> f32 {
+    let (own, by_chance) = match sample.pdf {
+        Some(pdf) => (own * pdf, vertex.pdf(sample.direction)),
+        None => (own, 0.0),
+    };
+    let other = other * sample.pdf.unwrap_or(1.0);
+    power_weight(own, if other > 0.0 { other.hypot(by_chance) } else { by_chance })
 }
 
 /// Weight of a light met by a path whose direction had density `direction_pdf`, when the light itself would have been

@@ -382,7 +382,15 @@ impl<'s> Check<'s, '_, '_> {
                     }
                     rectangle.radiance
                 }
+                Light::Disk(disk) => {
+                    self.direction(&format!("{key}.disk.normal"), disk.normal);
+                    disk.radiance
+                }
                 Light::Sphere(sphere) => sphere.radiance,
+                Light::Spot(spot) => {
+                    self.direction(&format!("{key}.spot.direction"), spot.direction);
+                    spot.intensity
+                }
                 Light::Point(point) => point.intensity,
             };
             is_dark &= power == [0.0; 3];
@@ -411,6 +419,7 @@ impl<'s> Check<'s, '_, '_> {
             ("radiance", environment.radiance.is_some()),
             ("gradient", environment.gradient.is_some()),
             ("file", environment.file.is_some()),
+            ("sky", environment.sky.is_some()),
         ];
         self.exactly_one(key, &given);
         if let Some(file) = &environment.file {
