@@ -102,7 +102,7 @@ macro_rules! scenes {
     )* };
 }
 
-scenes!(thin, solids, ring_small, dense, inside, veil, sky, lights);
+scenes!(thin, solids, ring_small, dense, inside, veil, sky);
 
 /// Nothing to prove while references are being made.
 fn is_remaking() -> bool {
