@@ -12,6 +12,7 @@ use curlsmoke::render::light::Light;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::phase::Phase;
 use curlsmoke::render::sampler::Sampler;
+use curlsmoke::render::sun::Sun;
 use curlsmoke::render::tracking::{estimate_transmittance, sample_collision};
 use curlsmoke::render::world::World;
 use glam::{UVec3, Vec3};
@@ -59,7 +60,7 @@ fn tracking(c: &mut Criterion) {
         });
     });
     let lights = vec![
-        Light::Sun { direction: -UnitVec3::Y, irradiance: Vec3::splat(3.0) },
+        Light::Sun(Sun::new(-UnitVec3::Y, Vec3::splat(3.0), 0.0, false)),
         Light::Environment(Environment::constant(Vec3::splat(0.5), true)),
     ];
     let surfaces = SceneBuilder::new().commit().expect("Embree; run ./bootstrap.sh");

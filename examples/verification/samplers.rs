@@ -7,9 +7,11 @@ use crate::skies;
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::math::statistics::chi_square_test;
+use curlsmoke::render::ball::Ball;
 use curlsmoke::render::bsdf::Bsdf;
 use curlsmoke::render::filter::Filter;
-use curlsmoke::render::light::{Light, Rectangle, Sphere};
+use curlsmoke::render::light::Light;
+use curlsmoke::render::panel::{Outline, Panel};
 use curlsmoke::render::phase::Phase;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -60,7 +62,7 @@ pub fn rows(report: &mut Report) {
 fn lights(report: &mut Report) {
     let from = WorldPoint::new(0.2, 0.3, 0.1);
     let center = DVec3::new(0.9, 1.0, -0.4);
-    let near = Light::Sphere(Sphere::new(WorldPoint(center.as_vec3()), 0.8, Vec3::ONE));
+    let near = Light::Ball(Ball::new(WorldPoint(center.as_vec3()), 0.8, Vec3::ONE));
     let offset = center - from.0.as_dvec3();
     let cosine_max = (1.0 - 0.64 / offset.length_squared()).sqrt();
     let towards = |light: &Light, from: WorldPoint, u: [f32; 2]| light.sample(from, u).map(|s| s.direction);
@@ -77,8 +79,9 @@ fn lights(report: &mut Report) {
     sphere(report, "ball from inside", |u| towards(&near, inside, u), |_| 0.25 / PI);
     let (u, v) = (DVec3::new(0.8, 0.1, 0.0), DVec3::new(0.2, 0.0, 0.9));
     let middle = DVec3::new(0.4, 0.9, 0.0);
-    let rectangle = Rectangle::try_new(WorldPoint(middle.as_vec3()), u.as_vec3(), v.as_vec3(), Vec3::ONE);
-    let rectangle = Light::Rectangle(rectangle.expect("it has an area"));
+    let rectangle =
+        Panel::try_new(Outline::Rectangle, WorldPoint(middle.as_vec3()), u.as_vec3(), v.as_vec3(), Vec3::ONE);
+    let rectangle = Light::Panel(rectangle.expect("it has an area"));
     // Even over its area: distance squared over cosine and area, per solid angle.
     let across = u.cross(v);
     let origin = from.0.as_dvec3();

@@ -105,6 +105,20 @@ impl Sphere {
 }
 
 impl Cuboid {
+    /// Corners of the twelve triangles of a box with sharp edges [m].
+    pub fn triangles(&self) -> [[DVec3; 3]; 12] {
+        std::array::from_fn(|i| {
+            let (axis, side) = (i / 4, if i % 4 < 2 { -1.0 } else { 1.0 });
+            let corner = |u: f64, v: f64| {
+                let mut p = DVec3::ZERO;
+                (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (side, u, v);
+                self.center + p * self.half_size
+            };
+            let half = if i % 2 == 0 { 1.0 } else { -1.0 };
+            [corner(-half, -half), corner(half, -half), corner(-half, half)]
+        })
+    }
+
     /// Signed distance [m].
     #[inline(always)]
     pub fn distance<R: Real>(&self, p: [R; 3]) -> R {

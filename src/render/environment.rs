@@ -259,6 +259,58 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_is_about_the_upward_axis_from_minus_z_to_minus_x() {
+        // One bright pixel in the middle of the picture, which is −z.
+        let pixels = (0..8 * 5).map(|i| if i == 2 * 8 + 4 { Vec3::ONE } else { Vec3::ZERO }).collect::<Vec<_>>();
+        let off = 0.5 / 8.0 * TAU;
+        for turn in [0.0f32, 90.0, 200.0] {
+            let e = Environment::picture(8, 5, pixels.clone(), turn, true);
+            let angle = turn.to_radians() - off;
+            let towards = UnitVec3::try_new(Vec3::new(-angle.sin(), 0.0, -angle.cos())).expect("not zero");
+            assert!((e.radiance(towards) - 1.0).abs().max_element() < 1e-4, "{turn}");
+            let mean = (0..64).map(|i| *e.sample([(i as f32 + 0.5) / 64.0, 0.5]).direction).sum::<Vec3>();
+            assert!(mean.normalize().dot(*towards) > 0.999, "{turn}: {mean}");
+        }
+    }
+
+    #[test]
+    fn samples_follow_the_density() {
+        let e = sky();
+        // Cells of half a pixel's edge, so that the density within each is smooth.
+        const BANDS: usize = 16;
+        const SECTORS: usize = 32;
+        let (s, c) = 33f32.to_radians().sin_cos();
+        let cell = |d: Vec3| {
+            let longitude = (d.x * c - d.z * s).atan2(-(d.x * s + d.z * c)) / TAU + 0.5;
+            let (band, sector) = (d.y.acos() * FRAC_1_PI * BANDS as f32, longitude * SECTORS as f32);
+            (band as usize).min(BANDS - 1) * SECTORS + (sector as usize).min(SECTORS - 1)
+        };
+        let direction = |u: f32, v: f32| {
+            let ((sin, y), (a, b)) = ((v * PI).sin_cos(), ((u - 0.5) * TAU).sin_cos());
+            let (x, z) = (sin * a, -sin * b);
+            UnitVec3::new_unchecked(Vec3::new(x * c + z * s, y, -x * s + z * c))
+        };
+        let n = 200_000;
+        let mut rng = CounterRng::new(Seed(6));
+        let mut counts = vec![0.0; BANDS * SECTORS];
+        (0..n).for_each(|_| counts[cell(*e.sample([rng.uniform(), rng.uniform()]).direction)] += 1.0);
+        const FINE: usize = 8;
+        let expected: Vec<f64> = (0..BANDS * SECTORS)
+            .map(|i| {
+                let share = |k: usize| {
+                    let u = ((i % SECTORS) as f32 + ((k % FINE) as f32 + 0.5) / FINE as f32) / SECTORS as f32;
+                    let v = ((i / SECTORS) as f32 + ((k / FINE) as f32 + 0.5) / FINE as f32) / BANDS as f32;
+                    f64::from(e.pdf(direction(u, v)) * (v * PI).sin())
+                };
+                let mean = (0..FINE * FINE).map(share).sum::<f64>() / (FINE * FINE) as f64;
+                mean * f64::from(2.0 * PI * PI) / (BANDS * SECTORS) as f64 * f64::from(n)
+            })
+            .collect();
+        let p = crate::math::statistics::chi_square_test(&counts, &expected);
+        assert!(p > 1e-3, "p {p}");
+    }
+
+    #[test]
     fn sampling_integrates_the_radiance_like_uniform_directions_do() {
         let e = sky();
         let n = 400_000;

@@ -3,19 +3,21 @@
 //! A path flies freely through the smoke (delta tracking), scatters at smoke and surfaces, and at every scattering asks
 //! one light for a direct connection. Directions sampled by the light and by the scattering are weighted against each
 //! other by the power heuristic (Veach 1997, *Robust Monte Carlo methods for light transport simulation*, §9.2.4), so
-//! every light that a path meets by itself counts with the complementary weight. What smoke itself gives off is collected
-//! along every flight.
+//! every light that a path meets by itself counts with the complementary weight. Flights near lamps are lit at one more
+//! distance, see `equiangular.rs`; where that could have found the same connection, it is one more density to be weighted
+//! against. What smoke itself gives off is collected along every flight.
 
 use crate::geometry::embree::{Hit, Ray};
-use crate::math::space::UnitVec3;
+use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::bsdf::microfacet::bent;
 use crate::render::catcher::Caught;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
+use crate::render::equiangular::{Nearby, flight_density};
 use crate::render::film::{Contribution, PathCounts};
 use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
-use crate::render::light_path::{EMISSION_GROUP, Passage};
+use crate::render::light_path::{EMISSION_GROUP, FirstEvent, Passage};
 use crate::render::material::{Sight, SurfacePoint};
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
@@ -68,6 +70,7 @@ impl<'a> Integrator<'a> {
         // Density of the direction the path follows; None where no light was asked, as at the camera, or none could have
         // answered, as at a mirror.
         let mut direction_pdf: Option<f32> = None;
+        let mut asked = Asked { point: ray.origin, flight: None };
         counts.traced += 1;
         let mut chroma: Option<Chroma> = None;
         for bounce in 0.. {
@@ -81,11 +84,20 @@ impl<'a> Integrator<'a> {
                 _ => self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY),
             };
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
-            let light = self.world.nearest_light(&ray, surface_t);
+            let light = self.world.nearest_light(&ray, surface_t, bounce == 0);
             let t_max = light.as_ref().map_or(surface_t, |met| met.t);
             let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler, chroma.as_mut());
             // What light from here on counts.
             let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
+            let nearby = self.nearby(&ray, t_max, bounce);
+            if let Some((medium, nearby)) = &nearby {
+                if let Some((i, light)) = self.nearby_light(medium, nearby, &ray, bounce, sampler) {
+                    let passage = Passage::scattered(FirstEvent::Smoke, 1);
+                    let passage =
+                        if bounce == 0 { passage } else { Passage::scattered(contribution.first, bounce + 1) };
+                    contribution.add(carried * light, passage, self.world.groups[i]);
+                }
+            }
             if let Some(medium) = self.medium.filter(|medium| medium.glows()) {
                 // No light of the direct connections either.
                 contribution.add_scattered(carried * collected(medium, &ray, end), bounce, EMISSION_GROUP);
@@ -94,8 +106,9 @@ impl<'a> Integrator<'a> {
                 Some(vertex) => vertex,
                 None => match (light, hit) {
                     (Some(met), _) => {
-                        let light = carried * met.radiance * met_weight(direction_pdf, met.pdf);
-                        contribution.add_scattered(light, bounce, self.world.groups[met.light]);
+                        let light_pdf = met.pdf * asked.density(self.world, met.light_idx);
+                        let light = carried * met.radiance * met_weight(direction_pdf, light_pdf);
+                        contribution.add_scattered(light, bounce, self.world.groups[met.light_idx]);
                         contribution.alpha = 1.0;
                         return contribution;
                     }
@@ -110,12 +123,18 @@ impl<'a> Integrator<'a> {
                             }
                             _ => {}
                         }
-                        // No light of the direct connections, so that every path that meets it counts in full.
-                        contribution.add_scattered(carried * point.emitted, bounce, EMISSION_GROUP);
+                        // Textured light is none of the direct connections, so that every path that meets it counts in full.
+                        let weight = match self.world.surface_light(&hit, asked.point, ray.direction) {
+                            Some((i, pdf)) if direction_pdf.is_some() => {
+                                met_weight(direction_pdf, pdf * asked.density(self.world, i))
+                            }
+                            _ => 1.0,
+                        };
+                        contribution.add_scattered(carried * point.emitted * weight, bounce, EMISSION_GROUP);
                         surface_vertex(hit, ray.direction, &point)
                     }
                     (None, None) => {
-                        self.add_background(&ray, carried, direction_pdf, bounce, &mut contribution);
+                        self.add_background(&ray, carried, direction_pdf, &asked, bounce, &mut contribution);
                         return contribution;
                     }
                 },
@@ -131,9 +150,10 @@ impl<'a> Integrator<'a> {
             }
             counts.bounces += 1;
             contribution.bounces += 1;
-            self.add_direct_light(&vertex, carried, bounce, sampler, &mut contribution);
+            asked = Asked::at(&vertex, nearby, &ray, end);
+            self.add_direct_light(&vertex, carried, &asked, bounce, sampler, &mut contribution);
             if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
-                caught.add_unshadowed(carried * self.direct_light_unshadowed(&vertex, bounce, sampler));
+                caught.add_unshadowed(carried * self.direct_light_unshadowed(&vertex, &asked, bounce, sampler));
             }
             let u = sampler.numbers(Dimension::Direction, bounce);
             let Some(scattering) = vertex.sample([u[0], u[1], u[2]]) else { return contribution };
@@ -141,7 +161,8 @@ impl<'a> Integrator<'a> {
             eta_sq *= scattering.eta_sq;
             let next = Ray { origin: vertex.leave(scattering.direction), direction: scattering.direction };
             if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
-                caught.add_unshadowed(self.met_unshadowed(&next, carried * scattering.weight, scattering.pdf));
+                let reflected = carried * scattering.weight;
+                caught.add_unshadowed(self.met_unshadowed(&next, reflected, scattering.pdf, &asked));
             }
             if bounce >= self.limits.roulette_from {
                 // Inside glass, throughput is small only because radiance is large there.
@@ -180,17 +201,21 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn add_background(&self, ray: &Ray, throughput: Rgb, pdf: Option<f32>, bounce: u32, out: &mut Contribution) {
+    fn add_background(
+        &self,
+        ray: &Ray,
+        throughput: Rgb,
+        pdf: Option<f32>,
+        asked: &Asked,
+        bounce: u32,
+        out: &mut Contribution,
+    ) {
         for (i, light) in self.world.lights.iter().enumerate() {
-            let Light::Environment(environment) = light else { continue };
-            if bounce == 0 && !environment.is_visible {
-                continue;
-            }
-            let pmf = self.world.pmf(i);
-            let light_pdf = if pmf > 0.0 { pmf * environment.pdf(ray.direction) } else { 0.0 };
-            let light = throughput * environment.radiance(ray.direction) * met_weight(pdf, light_pdf);
+            let Some(radiance) = light.beyond(ray, bounce == 0) else { continue };
+            let density = if pdf.is_some() { asked.density(self.world, i) } else { 0.0 };
+            let light_pdf = if density > 0.0 { density * light.pdf_beyond(ray.direction) } else { 0.0 };
             let passage = if bounce == 0 { Passage::Background } else { Passage::scattered(out.first, bounce) };
-            out.add(light, passage, self.world.groups[i]);
+            out.add(throughput * radiance * met_weight(pdf, light_pdf), passage, self.world.groups[i]);
             out.alpha = 1.0;
         }
     }
@@ -200,48 +225,105 @@ impl<'a> Integrator<'a> {
         &self,
         vertex: &Vertex,
         throughput: Rgb,
+        asked: &Asked,
         bounce: u32,
         sampler: &mut Sampler,
         out: &mut Contribution,
     ) {
-        let Some((unshadowed, sample, target)) = self.connection(vertex, bounce, sampler) else { return };
-        let light = throughput * (unshadowed * self.transmittance_to(vertex, &sample, target, sampler));
+        let Some((sample, target, factor)) = self.ask(vertex, asked, bounce, sampler) else { return };
+        let light = throughput * self.connection(vertex, &sample, target, factor, sampler);
         out.add_scattered(light, bounce + 1, self.world.groups[target]);
     }
 
-    /// One light, as seen from the vertex: what would be scattered back along the path were nothing in the way.
-    fn connection(&self, vertex: &Vertex, bounce: u32, sampler: &mut Sampler) -> Option<(Rgb, LightSample, usize)> {
+    /// One light, as seen from the vertex: which, and what a connection counts.
+    fn ask(
+        &self,
+        vertex: &Vertex,
+        asked: &Asked,
+        bounce: u32,
+        sampler: &mut Sampler,
+    ) -> Option<(LightSample, usize, f32)> {
         let u = sampler.numbers(Dimension::Light, bounce);
-        let target = self.world.choose_light(u[0])?;
-        let pmf = self.world.pmf(target);
+        let (target, pmf) = self.world.choose_light(asked.point, u[0])?;
         let sample = self.world.lights[target].sample(vertex.point(), [u[1], u[2]])?;
-        let mis = sample.pdf.map_or(1.0, |pdf| power_weight(pdf * pmf, vertex.pdf(sample.direction)));
-        let unshadowed = vertex.value(sample.direction) * sample.weight * (mis / pmf);
-        (unshadowed.max_element() > 0.0).then_some((unshadowed, sample, target))
+        let mis = connection_weight(vertex, &sample, pmf, asked.nearby_density(target));
+        Some((sample, target, mis / pmf))
     }
 
-    /// As the direct light of the same numbers, had shapes and smoke no shadow, but for other shadow catchers.
-    fn direct_light_unshadowed(&self, vertex: &Vertex, bounce: u32, sampler: &mut Sampler) -> Rgb {
-        let Some((unshadowed, sample, target)) = self.connection(vertex, bounce, sampler) else { return Vec3::ZERO };
+    /// As the direct light of the same numbers, had shapes and smoke no shadow, but for other shadow catchers; shapes that
+    /// shine are shapes.
+    fn direct_light_unshadowed(&self, vertex: &Vertex, asked: &Asked, bounce: u32, sampler: &mut Sampler) -> Rgb {
+        let Some((sample, target, factor)) = self.ask(vertex, asked, bounce, sampler) else { return Vec3::ZERO };
         let ray = Ray { origin: vertex.leave(sample.direction), direction: sample.direction };
         let t_max = sample.distance * (1.0 - 1e-4);
-        let is_blocked = self.world.nearest_catcher(&ray, t_max).is_some();
-        if is_blocked || self.world.is_behind_light(&ray, t_max, target) { Vec3::ZERO } else { unshadowed }
+        let is_blocked = matches!(self.world.lights[target], Light::Surface(_))
+            || self.world.nearest_catcher(&ray, t_max).is_some()
+            || self.world.is_behind_light(&ray, t_max, target);
+        if is_blocked { Vec3::ZERO } else { vertex.value(sample.direction) * sample.weight * factor }
     }
 
     /// Light that a path meets by itself were there nothing but lights and shadow catchers.
-    fn met_unshadowed(&self, ray: &Ray, throughput: Rgb, direction_pdf: Option<f32>) -> Rgb {
+    fn met_unshadowed(&self, ray: &Ray, throughput: Rgb, direction_pdf: Option<f32>, asked: &Asked) -> Rgb {
         let catcher = self.world.nearest_catcher(ray, f32::INFINITY);
         let t_max = catcher.map_or(f32::INFINITY, |hit| hit.t);
-        if let Some(met) = self.world.nearest_light(ray, t_max) {
-            return throughput * met.radiance * met_weight(direction_pdf, met.pdf);
+        if let Some(met) = self.world.nearest_light(ray, t_max, false) {
+            let light_pdf = met.pdf * asked.density(self.world, met.light_idx);
+            return throughput * met.radiance * met_weight(direction_pdf, light_pdf);
         }
         let mut met = Contribution::default();
         if catcher.is_none() {
             // As light that was scattered once: lights that the camera does not see shine too.
-            self.add_background(ray, throughput, direction_pdf, 1, &mut met);
+            self.add_background(ray, throughput, direction_pdf, asked, 1, &mut met);
         }
         met.radiance
+    }
+
+    /// The lamps near a flight, and the smoke that they light.
+    fn nearby(&self, ray: &Ray, t_max: f32, bounce: u32) -> Option<(&'a Medium, Nearby<'a>)> {
+        // Of smoke with a tint, each channel has another density of free flight.
+        let medium = self.medium.filter(|medium| bounce < self.limits.max_bounces && medium.tint.is_none())?;
+        Some((medium, Nearby::find(&self.world.lights, self.world.lamps(), medium, ray, t_max, bounce)?))
+    }
+
+    /// Light of one of the lamps near a flight that is scattered once on the way, from a distance taken for that lamp.
+    fn nearby_light(
+        &self,
+        medium: &'a Medium,
+        nearby: &Nearby,
+        ray: &Ray,
+        bounce: u32,
+        sampler: &mut Sampler,
+    ) -> Option<(usize, Rgb)> {
+        let u = sampler.numbers(Dimension::Distance, bounce);
+        let place = nearby.sample(self.world.lamps(), [u[0], u[1]])?;
+        let flight = flight_density(medium, ray, place.t);
+        if flight <= 0.0 || place.density <= 0.0 {
+            return None;
+        }
+        let vertex = Vertex::Smoke { point: ray.at(place.t), medium, before: ray.direction };
+        let light = &self.world.lights[place.light_idx];
+        let sample = light.sample(vertex.point(), [u[2], u[3]])?;
+        // Against free flight to the same place, which then asks the same light.
+        let pmf = self.world.pmf(vertex.point(), place.light_idx);
+        let mis = connection_weight(&vertex, &sample, place.density / flight, pmf);
+        let factor = mis * flight / place.density;
+        Some((place.light_idx, self.connection(&vertex, &sample, place.light_idx, factor, sampler)))
+    }
+
+    /// What a connection brings, times `factor`.
+    fn connection(
+        &self,
+        vertex: &Vertex,
+        sample: &LightSample,
+        target: usize,
+        factor: f32,
+        sampler: &mut Sampler,
+    ) -> Rgb {
+        let unshadowed = vertex.value(sample.direction) * sample.weight * factor;
+        if unshadowed.max_element() <= 0.0 {
+            return Vec3::ZERO;
+        }
+        unshadowed * self.transmittance_to(vertex, sample, target, sampler)
     }
 
     fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> Rgb {
@@ -267,6 +349,51 @@ fn surface_vertex<'a>(hit: Hit, before: UnitVec3, point: &SurfacePoint<'a>) -> V
         normal = bent(if is_front { hit.normal } else { -hit.normal }, normal, -before);
     }
     Vertex::Surface { hit, before, normal, bsdf: point.bsdf }
+}
+
+/// Where a path was when it last asked a light, and what else could have found a connection there.
+struct Asked<'a> {
+    point: WorldPoint,
+    /// Lamps near the flight that ended there, its distance and the density of free flight for it.
+    flight: Option<(Nearby<'a>, f32, f32)>,
+}
+
+impl<'a> Asked<'a> {
+    fn at(vertex: &Vertex, nearby: Option<(&Medium, Nearby<'a>)>, ray: &Ray, t: f32) -> Self {
+        // A distance finds smoke, never a surface.
+        let nearby = nearby.filter(|_| matches!(vertex, Vertex::Smoke { .. }));
+        let flight = nearby.map(|(medium, nearby)| (nearby, t, flight_density(medium, ray, t)));
+        Self { point: vertex.point(), flight }
+    }
+
+    /// How much more often than free flight and a chosen light a distance taken for light `i` finds this place, times the
+    /// probability of that light.
+    fn nearby_density(&self, i: usize) -> f32 {
+        let Some((nearby, t, flight)) = &self.flight else { return 0.0 };
+        // Smoke that was met has a density; one that rounds to 0 is found by nothing else.
+        if *flight > 0.0 { nearby.density(i, *t) / flight } else { 0.0 }
+    }
+
+    /// Probability with which light `i` is asked, of both ways: the root of the sum of squares, as the power heuristic
+    /// weighs them.
+    fn density(&self, world: &World, i: usize) -> f32 {
+        let pmf = world.pmf(self.point, i);
+        match self.nearby_density(i) {
+            0.0 => pmf,
+            other => pmf.hypot(other),
+        }
+    }
+}
+
+/// Weight of a connection found by asking a light with probability `own`, when another way asks it with `other`, and when
+/// the path may meet the light by chance.
+fn connection_weight(vertex: &Vertex, sample: &LightSample, own: f32, other: f32) -> f32 {
+    let (own, by_chance) = match sample.pdf {
+        Some(pdf) => (own * pdf, vertex.pdf(sample.direction)),
+        None => (own, 0.0),
+    };
+    let other = other * sample.pdf.unwrap_or(1.0);
+    power_weight(own, if other > 0.0 { other.hypot(by_chance) } else { by_chance })
 }
 
 /// Weight of a light met by a path whose direction had density `direction_pdf`, when the light itself would have been

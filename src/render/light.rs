@@ -2,27 +2,29 @@
 
 use crate::geometry::embree::Ray;
 use crate::math::space::{UnitVec3, WorldPoint};
+use crate::render::ball::Ball;
 use crate::render::color::{Rgb, luminance};
 use crate::render::environment::Environment;
-use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use crate::render::panel::Panel;
+use crate::render::spot::Spot;
+use crate::render::sun::Sun;
+use crate::render::surface_light::SurfaceLight;
+use std::f32::consts::PI;
+
+/// Square of the distance below which a point is not nearer to a lamp where lights are weighed [m²].
+const NEAREST_SQ: f32 = 1e-4;
 
 /// A source of light.
 #[derive(Debug, Clone)]
 pub enum Light {
-    /// Parallel light.
-    Sun {
-        /// Direction of travel of the light.
-        direction: UnitVec3,
-        /// Irradiance on a surface facing it [W/m²].
-        irradiance: Rgb,
-    },
+    /// Parallel light, or a disk of the sky.
+    Sun(Sun),
     /// Light from infinitely far.
     Environment(Environment),
-    /// A rectangle that shines from its front.
-    Rectangle(Rectangle),
+    /// A rectangle or a disk.
+    Panel(Panel),
     /// A ball that shines.
-    Sphere(Sphere),
+    Ball(Ball),
     /// A point.
     Point {
         /// Where.
@@ -30,25 +32,10 @@ pub enum Light {
         /// Radiant intensity [W/sr].
         intensity: Rgb,
     },
-}
-
-/// A rectangle that shines from the side where `half_u × half_v` points; its back is black.
-#[derive(Debug, Clone)]
-pub struct Rectangle {
-    center: WorldPoint,
-    half_u: Vec3,
-    half_v: Vec3,
-    normal: UnitVec3,
-    area: f32,
-    radiance: Rgb,
-}
-
-/// A ball that shines.
-#[derive(Debug, Clone)]
-pub struct Sphere {
-    center: WorldPoint,
-    radius: f32,
-    radiance: Rgb,
+    /// A point that shines into a cone.
+    Spot(Spot),
+    /// A glowing shape.
+    Surface(SurfaceLight),
 }
 
 /// A direction towards a light.
@@ -75,104 +62,11 @@ pub struct LightHit {
     pub pdf: f32,
 }
 
-impl Rectangle {
-    /// A rectangle about `center` with half edges `half_u` and `half_v` [m]; `None` where it has no area.
-    pub fn try_new(center: WorldPoint, half_u: Vec3, half_v: Vec3, radiance: Rgb) -> Option<Self> {
-        let across = half_u.cross(half_v);
-        let normal = UnitVec3::try_new(across)?;
-        Some(Self { center, half_u, half_v, normal, area: 4.0 * across.length(), radiance })
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<LightHit> {
-        let cosine = -self.normal.dot(*ray.direction);
-        let t = (ray.origin - self.center).dot(*self.normal) / cosine;
-        if !t.is_finite() || t <= 1e-6 {
-            return None;
-        }
-        let p = ray.at(t) - self.center;
-        // The edges may be oblique: solve for the coordinates along them.
-        let n = self.half_u.cross(self.half_v);
-        let u = p.cross(self.half_v).dot(n) / n.length_squared();
-        let v = self.half_u.cross(p).dot(n) / n.length_squared();
-        if u.abs() > 1.0 || v.abs() > 1.0 {
-            return None;
-        }
-        let is_front = cosine > 0.0;
-        Some(LightHit {
-            t,
-            radiance: if is_front { self.radiance } else { Vec3::ZERO },
-            pdf: if is_front { t * t / (cosine * self.area) } else { 0.0 },
-        })
-    }
-}
-
-impl Sphere {
-    /// A ball about `center` of `radius` > 0 [m].
-    pub fn new(center: WorldPoint, radius: f32, radiance: Rgb) -> Self {
-        Self { center, radius, radiance }
-    }
-
-    /// One minus the cosine of the half angle under which the ball appears from distance `d` outside, without
-    /// cancellation for far balls.
-    fn one_minus_cosine(&self, d_sq: f32) -> f32 {
-        let sine_sq = (self.radius * self.radius / d_sq).min(1.0);
-        sine_sq / (1.0 + (1.0 - sine_sq).sqrt())
-    }
-
-    fn pdf(&self, from: WorldPoint) -> f32 {
-        let d_sq = (self.center - from).length_squared();
-        if d_sq <= self.radius * self.radius {
-            return 0.25 * FRAC_1_PI;
-        }
-        1.0 / (TAU * self.one_minus_cosine(d_sq))
-    }
-
-    fn distance_along(&self, ray: &Ray) -> Option<f32> {
-        let to_center = self.center - ray.origin;
-        let along = to_center.dot(*ray.direction);
-        // Distance of the ray from the centre from the cross product: exact for far balls where squares cancel.
-        let off_sq = to_center.cross(*ray.direction).length_squared();
-        let half_chord = (self.radius * self.radius - off_sq).sqrt();
-        let t = if to_center.length_squared() > self.radius * self.radius {
-            along - half_chord
-        } else {
-            along + half_chord
-        };
-        (t > 1e-6).then_some(t)
-    }
-
-    fn intersect(&self, ray: &Ray) -> Option<LightHit> {
-        let t = self.distance_along(ray)?;
-        Some(LightHit { t, radiance: self.radiance, pdf: self.pdf(ray.origin) })
-    }
-
-    fn sample(&self, from: WorldPoint, u: [f32; 2]) -> Option<LightSample> {
-        let to_center = self.center - from;
-        let d_sq = to_center.length_squared();
-        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-        let local = |one_minus_cosine: f32| {
-            let sine = (one_minus_cosine * (2.0 - one_minus_cosine)).max(0.0).sqrt();
-            Vec3::new(sine * cos_phi, sine * sin_phi, 1.0 - one_minus_cosine)
-        };
-        let direction = if d_sq > self.radius * self.radius {
-            UnitVec3::try_new(to_center)?.from_local(local(u[0] * self.one_minus_cosine(d_sq)))
-        } else {
-            UnitVec3::Y.from_local(local(2.0 * u[0]))
-        };
-        let pdf = self.pdf(from);
-        let distance =
-            self.distance_along(&Ray { origin: from, direction }).unwrap_or_else(|| to_center.dot(*direction).max(0.0));
-        Some(LightSample { direction, distance, weight: self.radiance / pdf, pdf: Some(pdf) })
-    }
-}
-
 impl Light {
     /// A direction from `from` towards the light, from two uniform numbers; `None` where no light comes from it.
     pub fn sample(&self, from: WorldPoint, u: [f32; 2]) -> Option<LightSample> {
         match self {
-            Light::Sun { direction, irradiance } => {
-                Some(LightSample { direction: -*direction, distance: f32::INFINITY, weight: *irradiance, pdf: None })
-            }
+            Light::Sun(sun) => Some(sun.sample(u)),
             Light::Environment(environment) => {
                 let s = environment.sample(u);
                 (s.pdf > 0.0).then(|| LightSample {
@@ -182,19 +76,10 @@ impl Light {
                     pdf: Some(s.pdf),
                 })
             }
-            Light::Rectangle(r) => {
-                let p = r.center + r.half_u * (2.0 * u[0] - 1.0) + r.half_v * (2.0 * u[1] - 1.0);
-                let offset = p - from;
-                let direction = UnitVec3::try_new(offset)?;
-                let cosine = -r.normal.dot(*direction);
-                if cosine <= 0.0 {
-                    return None;
-                }
-                let distance = offset.length();
-                let pdf = distance * distance / (cosine * r.area);
-                Some(LightSample { direction, distance, weight: r.radiance / pdf, pdf: Some(pdf) })
-            }
-            Light::Sphere(sphere) => sphere.sample(from, u),
+            Light::Panel(panel) => panel.sample(from, u),
+            Light::Ball(ball) => ball.sample(from, u),
+            Light::Spot(spot) => spot.sample(from),
+            Light::Surface(surface) => surface.sample(from, u),
             Light::Point { position, intensity } => {
                 let offset = *position - from;
                 let direction = UnitVec3::try_new(offset)?;
@@ -204,12 +89,43 @@ impl Light {
         }
     }
 
-    /// Where a ray meets the light, for lights that have a place and an extent.
+    /// Where a ray meets the light, for lights that have a place and an extent and are no surface of their own.
     pub fn intersect(&self, ray: &Ray) -> Option<LightHit> {
         match self {
-            Light::Rectangle(rectangle) => rectangle.intersect(ray),
-            Light::Sphere(sphere) => sphere.intersect(ray),
-            Light::Sun { .. } | Light::Environment(_) | Light::Point { .. } => None,
+            Light::Panel(panel) => panel.intersect(ray),
+            Light::Ball(ball) => ball.intersect(ray),
+            Light::Sun(_) | Light::Environment(_) | Light::Point { .. } | Light::Spot(_) | Light::Surface(_) => None,
+        }
+    }
+
+    /// Whether camera rays see it, where rays meet it at all.
+    pub fn is_visible(&self) -> bool {
+        match self {
+            Light::Sun(sun) => sun.is_visible,
+            Light::Environment(environment) => environment.is_visible,
+            Light::Panel(panel) => panel.is_visible,
+            Light::Ball(ball) => ball.is_visible,
+            Light::Point { .. } | Light::Spot(_) | Light::Surface(_) => true,
+        }
+    }
+
+    /// Radiance [W/(m² sr)] of a light infinitely far that a ray out of the scene meets; `is_camera` for rays that the
+    /// camera sends, which may be told not to see it.
+    pub fn beyond(&self, ray: &Ray, is_camera: bool) -> Option<Rgb> {
+        match self {
+            _ if is_camera && !self.is_visible() => None,
+            Light::Environment(sky) => Some(sky.radiance(ray.direction)),
+            Light::Sun(sun) => sun.met(ray.direction),
+            _ => None,
+        }
+    }
+
+    /// Density [1/sr] with which [`Light::sample`] returns a direction in which a light infinitely far is met.
+    pub fn pdf_beyond(&self, direction: UnitVec3) -> f32 {
+        match self {
+            Light::Environment(sky) => sky.pdf(direction),
+            Light::Sun(sun) => sun.pdf(),
+            _ => 0.0,
         }
     }
 
@@ -221,16 +137,65 @@ impl Light {
         }
     }
 
+    /// Middle of a light that has a place, and the radius of a ball about it that holds it [m].
+    pub fn place(&self) -> Option<(WorldPoint, f32)> {
+        match self {
+            Light::Sun(_) | Light::Environment(_) => None,
+            Light::Panel(panel) => Some((panel.center(), panel.bounding_radius())),
+            Light::Ball(ball) => Some((ball.center(), ball.radius())),
+            Light::Point { position, .. } => Some((*position, 0.0)),
+            Light::Spot(spot) => Some((spot.position(), 0.0)),
+            Light::Surface(surface) => Some((surface.center(), surface.bounding_radius())),
+        }
+    }
+
+    /// The largest radiant intensity of a light that has a place, in any direction and from afar, as luminance [W/sr]; 0
+    /// for others.
+    pub fn peak_intensity(&self) -> f32 {
+        match self {
+            Light::Sun(_) | Light::Environment(_) => 0.0,
+            Light::Panel(panel) => luminance(panel.radiance()) * panel.area(),
+            Light::Ball(ball) => luminance(ball.radiance()) * PI * ball.radius() * ball.radius(),
+            Light::Point { intensity, .. } => luminance(*intensity),
+            Light::Spot(spot) => luminance(spot.axial_intensity()),
+            Light::Surface(surface) => luminance(surface.radiance()) * surface.mean_shadow_area(),
+        }
+    }
+
+    /// Irradiance [W/m²] at a point from a light that has a place, as luminance and roughly: without what is in the way,
+    /// as if it came from the middle. 0 only where there is no light from it at all, and for lights without a place.
+    pub fn irradiance_at(&self, at: WorldPoint) -> f32 {
+        let Some((place, radius)) = self.place() else { return 0.0 };
+        let offset = at - place;
+        // Near or within a light of some extent it grows no more.
+        let d_sq = offset.length_squared().max(0.25 * radius * radius).max(NEAREST_SQ);
+        let intensity = match self {
+            Light::Spot(spot) => UnitVec3::try_new(offset).map_or(0.0, |to| luminance(spot.intensity(*to))),
+            Light::Panel(panel) => {
+                let height = panel.height(at);
+                if height <= 0.0 {
+                    return 0.0;
+                }
+                // Seen from almost beside, other parts than the middle give light too.
+                self.peak_intensity() * (height / d_sq.sqrt()).clamp(0.1, 1.0)
+            }
+            _ => self.peak_intensity(),
+        };
+        intensity / d_sq
+    }
+
     /// A rough irradiance [W/m²] at `center` of a scene: its share when one light is chosen among several.
     pub fn rough_irradiance(&self, center: WorldPoint) -> f32 {
-        let by_distance = |p: WorldPoint| 1.0 / (p - center).length_squared().max(1e-4);
+        let by_distance = |p: WorldPoint| 1.0 / (p - center).length_squared().max(NEAREST_SQ);
         // No light of an extent gives more than π times its radiance, however near and large it is.
         let of_disk = |radiance: Rgb, area: f32, p: WorldPoint| luminance(radiance) * (area * by_distance(p)).min(PI);
         match self {
-            Light::Sun { irradiance, .. } => luminance(*irradiance),
+            Light::Sun(sun) => luminance(sun.irradiance()),
             Light::Environment(environment) => PI * environment.mean_luminance(),
-            Light::Rectangle(r) => of_disk(r.radiance, r.area, r.center),
-            Light::Sphere(s) => of_disk(s.radiance, PI * s.radius * s.radius, s.center),
+            Light::Panel(p) => of_disk(p.radiance(), p.area(), p.center()),
+            Light::Ball(b) => of_disk(b.radiance(), PI * b.radius() * b.radius(), b.center()),
+            Light::Spot(spot) => luminance(spot.axial_intensity()) * by_distance(spot.position()),
+            Light::Surface(s) => of_disk(s.radiance(), s.mean_shadow_area(), s.center()),
             Light::Point { position, intensity } => luminance(*intensity) * by_distance(*position),
         }
     }
@@ -240,6 +205,9 @@ impl Light {
 mod tests {
     use super::*;
     use crate::math::hash::{CounterRng, Seed};
+    use crate::render::panel::Outline;
+    use glam::Vec3;
+    use std::f32::consts::TAU;
 
     /// Sampling a light and meeting it by chance must give the same irradiance on a small sphere at `from`.
     fn check_against_uniform_directions(light: &Light, from: WorldPoint) {
@@ -268,30 +236,46 @@ mod tests {
         assert!((unit - 1.0).abs() < 0.03, "density integrates to {unit}");
     }
 
-    #[test]
-    fn a_rectangle_gives_the_same_sampled_and_met() {
-        let light = Rectangle::try_new(
-            WorldPoint::new(0.0, 2.0, 0.0),
-            Vec3::new(1.0, 0.0, 0.2),
-            Vec3::new(0.0, 0.3, 0.8),
-            Vec3::splat(2.0),
-        )
-        .expect("has area");
-        let below = if light.normal.y < 0.0 { -1.0 } else { 1.0 };
-        check_against_uniform_directions(&Light::Rectangle(light), WorldPoint::new(0.2, 2.0 + 1.5 * below, 0.4));
+    fn oblique(outline: Outline) -> Panel {
+        let (u, v) = (Vec3::new(1.0, 0.0, 0.2), Vec3::new(0.0, 0.3, 0.8));
+        Panel::try_new(outline, WorldPoint::new(0.0, 2.0, 0.0), u, v, Vec3::splat(2.0)).expect("has area")
     }
 
     #[test]
-    fn a_sphere_gives_the_same_sampled_and_met_outside_and_inside() {
-        let light = Light::Sphere(Sphere::new(WorldPoint::new(1.0, 2.0, 0.0), 0.8, Vec3::splat(2.0)));
+    fn panels_give_the_same_sampled_and_met() {
+        for outline in [Outline::Rectangle, Outline::Disk] {
+            // u × v points down.
+            let (front, back) = (WorldPoint::new(0.2, 0.5, 0.4), WorldPoint::new(0.2, 3.5, 0.4));
+            let panel = oblique(outline);
+            assert!(panel.sample(back, [0.3, 0.6]).is_none());
+            check_against_uniform_directions(&Light::Panel(panel.clone()), front);
+            let mut both = panel;
+            both.is_two_sided = true;
+            let both = Light::Panel(both);
+            check_against_uniform_directions(&both, front);
+            check_against_uniform_directions(&both, back);
+        }
+    }
+
+    #[test]
+    fn a_disk_gives_what_a_disk_gives_on_its_axis() {
+        // Irradiance of a surface that faces a disk of radius r from distance h: π L r²/(r² + h²).
+        let disk = Panel::disk(WorldPoint::new(0.0, 2.0, 0.0), Vec3::NEG_Y, 0.7, Vec3::splat(3.0)).expect("has area");
+        let mut sum = 0.0f64;
+        const N: usize = 200;
+        for i in 0..N * N {
+            let u = [i % N, i / N].map(|k| (k as f32 + 0.5) / N as f32);
+            let s = disk.sample(WorldPoint::default(), u).expect("its front is seen");
+            sum += f64::from(s.weight.x * s.direction.y) / (N * N) as f64;
+        }
+        let expected = f64::from(PI) * 3.0 * 0.49 / (0.49 + 4.0);
+        assert!((sum / expected - 1.0).abs() < 1e-4, "{sum} {expected}");
+    }
+
+    #[test]
+    fn a_ball_gives_the_same_sampled_and_met_outside_and_inside() {
+        let light = Light::Ball(Ball::new(WorldPoint::new(1.0, 2.0, 0.0), 0.8, Vec3::splat(2.0)));
         check_against_uniform_directions(&light, WorldPoint::new(0.2, 0.5, 0.4));
         check_against_uniform_directions(&light, WorldPoint::new(1.2, 2.1, 0.4));
-    }
-
-    #[test]
-    fn a_far_small_sphere_has_the_solid_angle_of_its_disk() {
-        let sphere = Sphere::new(WorldPoint::new(0.0, 1.0e4, 0.0), 1.0, Vec3::ONE);
-        let expected = 1.0 / (PI * 1.0e-8);
-        assert!((sphere.pdf(WorldPoint::default()) / expected - 1.0).abs() < 1e-4);
     }
 }

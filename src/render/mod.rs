@@ -3,15 +3,19 @@
 //! This file turns settings into camera, lights and media; `integrator.rs` traces paths, `tiles.rs` takes pictures.
 
 pub mod adaptive;
+pub mod atmosphere;
+pub mod ball;
 pub mod blackbody;
 pub mod bsdf;
 pub mod camera;
 pub mod catcher;
+pub mod choice;
 pub mod chroma;
 pub mod color;
 pub mod cryptomatte;
 pub mod dense;
 pub mod environment;
+pub mod equiangular;
 pub mod film;
 pub mod filter;
 pub mod glow;
@@ -22,10 +26,14 @@ pub mod light;
 pub mod light_path;
 pub mod material;
 pub mod medium;
+pub mod panel;
 pub mod phase;
 pub mod picture;
 pub mod sampler;
+pub mod spot;
+pub mod sun;
 pub mod surface_keys;
+pub mod surface_light;
 pub mod texture;
 pub mod tiles;
 pub mod tracking;
@@ -35,12 +43,15 @@ pub mod world;
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
 use crate::flow::surface::{CacheSettings, SurfaceFlow, SurfaceFlowSettings};
 use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
-use crate::geometry::Geometry;
-use crate::geometry::sdf::PlacedSdf;
+use crate::geometry::primitive::Primitive;
+use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::geometry::{Geometry, Shape};
 use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::adaptive::Adaptive;
+use crate::render::atmosphere::{Atmosphere, SUN_DIAMETER_DEG, direction_to_sun};
+use crate::render::ball::Ball;
 use crate::render::bsdf::conductor::{Metal, MetalColor};
 use crate::render::bsdf::dielectric::Glass;
 use crate::render::bsdf::metals::{self, Index};
@@ -53,19 +64,23 @@ use crate::render::filter::Filter;
 use crate::render::image_texture::{ImageTexture, LatLong, Planar, Projection, Triplanar};
 use crate::render::integrator::PathLimits;
 use crate::render::layers::{Layer, group_layers};
-use crate::render::light::{Light, Rectangle, Sphere};
-use crate::render::light_path::{OTHER_GROUP, Passage};
+use crate::render::light::Light;
+use crate::render::light_path::{EMISSION_GROUP, OTHER_GROUP, Passage};
 use crate::render::material::{Material, MaterialKind, Sight};
 use crate::render::medium::Medium;
+use crate::render::panel::{Outline, Panel};
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
+use crate::render::spot::Spot;
+use crate::render::sun::Sun;
 use crate::render::surface_keys::{FlowState, state_at};
+use crate::render::surface_light::SurfaceLight;
 use crate::render::texture::{FlowNoise, Ramp, Texture};
 use crate::render::tiles::View;
 use crate::render::world::World;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -162,6 +177,9 @@ pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<Picture, Box<dyn std::err
 /// from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
 
+/// Width and height of the picture of a clear sky: haze about the sun and the rim of the earth take the most.
+const SKY_SIZE: [usize; 2] = [512, 256];
+
 /// What the textures of a scene keep from frame to frame.
 #[derive(Debug)]
 pub struct TextureStore {
@@ -228,22 +246,58 @@ pub fn build_world(
     load: LoadPicture,
 ) -> Result<World, RenderError> {
     let surfaces = geometry.trace_scene()?;
-    let lights = build_lights(scene, load)?;
+    let mut lights = build_lights(scene, load)?;
+    let shapes = geometry.shapes.iter().zip(&materials).enumerate().filter(|(_, (shape, _))| shape.visible);
+    lights.extend(shapes.filter_map(|(i, (shape, material))| glowing_shape(i as u32, shape, material)));
     // What the camera looks at is what is lit.
     let center = world_point(scene.settings.camera.look_at);
     let mut world = World::new(surfaces, materials, lights, center);
-    world.groups = groups(&scene.settings);
+    let groups = groups(&scene.settings);
+    // Shapes that shine come after the lights of the scene.
+    world.groups.fill(EMISSION_GROUP);
+    world.groups[..groups.len()].copy_from_slice(&groups);
     Ok(world)
 }
 
-/// The number of the group of each light, as [`group_layers`] counts them.
+/// The number of the group of each light of [`build_lights`], as [`group_layers`] counts them.
 fn groups(settings: &settings::Settings) -> Vec<usize> {
     let names = settings.light_groups();
     let number = |light: &settings::Light| {
         let name = light.group()?;
         names.iter().position(|known| known == name)
     };
-    settings.lights.iter().map(|light| number(light).map_or(OTHER_GROUP, |i| OTHER_GROUP + 1 + i)).collect()
+    let group = |light: &settings::Light| {
+        let group = number(light).map_or(OTHER_GROUP, |i| OTHER_GROUP + 1 + i);
+        std::iter::repeat_n(group, if sun_of_sky(light).is_some() { 2 } else { 1 })
+    };
+    settings.lights.iter().flat_map(group).collect()
+}
+
+/// A shape as a light, where it gives off the same everywhere and is made of triangles, a ball or a box with sharp edges.
+fn glowing_shape(shape_idx: u32, shape: &Shape, material: &Material) -> Option<Light> {
+    let Some(Texture::Constant(radiance)) = material.emission else { return None };
+    if material.is_one_sided {
+        return None;
+    }
+    if let Some(mesh) = &shape.mesh {
+        let corners = (0..mesh.triangles().len()).map(|i| mesh.corners(i));
+        return SurfaceLight::triangles(shape_idx, corners, radiance).map(Light::Surface);
+    }
+    let sdf = shape.sdf.as_ref()?;
+    let at = sdf.placement();
+    let Sdf::Primitive(primitive) = sdf.sdf() else { return None };
+    let surface = match primitive {
+        Primitive::Sphere(ball) => {
+            let center = at.point_to_world(ball.center.as_vec3());
+            Some(SurfaceLight::ball(shape_idx, center, ball.radius as f32 * at.scale, radiance))
+        }
+        Primitive::Cuboid(cuboid) if cuboid.rounding == 0.0 => {
+            let corners = cuboid.triangles().map(|corners| corners.map(|p| at.point_to_world(p.as_vec3()).0));
+            SurfaceLight::triangles(shape_idx, corners.into_iter(), radiance)
+        }
+        _ => None,
+    };
+    surface.map(Light::Surface)
 }
 
 /// The material of each shape, with textures as they are at a time [s]; `geometry` is where shapes are at that time.
@@ -423,17 +477,18 @@ fn flow_noise(noise: &settings::FlowNoise, time: f64) -> Texture {
     }))
 }
 
-/// The lights of a scene in its order.
+/// The lights of a scene in its order; the sun of a clear sky follows the sky.
 ///
 /// # Errors
 /// [`RenderError::Light`] when a picture of the surroundings cannot be used.
 pub fn build_lights(scene: &Scene, load: LoadPicture) -> Result<Vec<Light>, RenderError> {
-    let lights = scene.settings.lights.iter().enumerate();
-    lights
-        .map(|(light_idx, settings)| {
-            light(scene, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })
-        })
-        .collect()
+    let mut lights = Vec::new();
+    for (light_idx, settings) in scene.settings.lights.iter().enumerate() {
+        let built = light(scene, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?;
+        lights.push(built);
+        lights.extend(sun_of_sky(settings));
+    }
+    Ok(lights)
 }
 
 /// The smoke of a frame; `None` for a scene without any.
@@ -556,18 +611,38 @@ fn layers(settings: &settings::Settings) -> Vec<Layer> {
 
 fn light(scene: &Scene, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
     Ok(match light {
-        settings::Light::Sun(sun) => Light::Sun {
-            direction: UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
-            irradiance: vec3(sun.irradiance),
-        },
+        settings::Light::Sun(sun) => Light::Sun(Sun::new(
+            UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
+            vec3(sun.irradiance),
+            sun.angular_diameter_deg,
+            sun.visible,
+        )),
         settings::Light::Environment(e) => Light::Environment(environment(scene, e, load)?),
-        settings::Light::Rectangle(r) => Light::Rectangle(
-            Rectangle::try_new(world_point(r.center), vec3(r.half_u), vec3(r.half_v), vec3(r.radiance))
-                .expect("validation refuses rectangles without area"),
-        ),
-        settings::Light::Sphere(s) => {
-            Light::Sphere(Sphere::new(world_point(s.center), s.radius as f32, vec3(s.radiance)))
+        settings::Light::Rectangle(r) => {
+            let (center, half_u, half_v) = (world_point(r.center), vec3(r.half_u), vec3(r.half_v));
+            let mut panel = Panel::try_new(Outline::Rectangle, center, half_u, half_v, vec3(r.radiance))
+                .expect("validation refuses rectangles without area");
+            (panel.is_two_sided, panel.is_visible) = (r.two_sided, r.visible);
+            Light::Panel(panel)
         }
+        settings::Light::Disk(d) => {
+            let mut panel = Panel::disk(world_point(d.center), vec3(d.normal), d.radius as f32, vec3(d.radiance))
+                .expect("validation refuses disks without a direction");
+            (panel.is_two_sided, panel.is_visible) = (d.two_sided, d.visible);
+            Light::Panel(panel)
+        }
+        settings::Light::Sphere(s) => {
+            let mut ball = Ball::new(world_point(s.center), s.radius as f32, vec3(s.radiance));
+            ball.is_visible = s.visible;
+            Light::Ball(ball)
+        }
+        settings::Light::Spot(s) => Light::Spot(Spot::new(
+            world_point(s.position),
+            UnitVec3::try_new(vec3(s.direction)).expect("validation refuses directions of length 0"),
+            vec3(s.intensity),
+            s.cone_deg,
+            s.blend,
+        )),
         settings::Light::Point(p) => Light::Point { position: world_point(p.position), intensity: vec3(p.intensity) },
     })
 }
@@ -583,11 +658,35 @@ fn environment(scene: &Scene, e: &settings::Environment, load: LoadPicture) -> R
         let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
         return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));
     }
+    if let Some(sky) = &e.sky {
+        let pixels = atmosphere(sky).picture(SKY_SIZE[0], SKY_SIZE[1]).into_iter().map(|p| p * scale).collect();
+        return Ok(Environment::picture(SKY_SIZE[0], SKY_SIZE[1], pixels, e.rotate_deg as f32, is_visible));
+    }
     if let Some(g) = &e.gradient {
         let [zenith, horizon, nadir] = [g.zenith, g.horizon, g.nadir].map(|c| vec3(c) * scale);
         return Ok(Environment::gradient(zenith, horizon, nadir, is_visible));
     }
     Ok(Environment::constant(vec3(e.radiance.unwrap_or([0.0; 3])) * scale, is_visible))
+}
+
+fn atmosphere(sky: &settings::Sky) -> Atmosphere {
+    let to_sun = direction_to_sun(sky.sun_elevation_deg, sky.sun_azimuth_deg);
+    Atmosphere::new(to_sun, sky.turbidity, vec3(sky.ground_albedo))
+}
+
+/// The sun that comes with a clear sky, if it does.
+fn sun_of_sky(light: &settings::Light) -> Option<Light> {
+    let settings::Light::Environment(environment) = light else { return None };
+    environment.sky.as_ref().filter(|sky| sky.sun).map(|sky| sun_of(environment, sky))
+}
+
+/// The sun of a clear sky, as much dimmed by the air.
+fn sun_of(environment: &settings::Environment, sky: &settings::Sky) -> Light {
+    let to_sun = direction_to_sun(sky.sun_elevation_deg, sky.sun_azimuth_deg);
+    let turned = DQuat::from_rotation_y(environment.rotate_deg.to_radians()) * to_sun;
+    let direction = UnitVec3::new_unchecked(-turned.as_vec3().normalize());
+    let irradiance = atmosphere(sky).sun_irradiance() * environment.scale.unwrap_or(1.0) as f32;
+    Light::Sun(Sun::new(direction, irradiance, SUN_DIAMETER_DEG, sky.sun_visible))
 }
 
 fn vec3(v: [f64; 3]) -> Vec3 {

@@ -23,6 +23,8 @@ pub enum Dimension {
     Direction,
     /// Choice of a light (one number) and of a point on it (two numbers).
     Light,
+    /// Choice of a lamp near a flight (one number), of a distance (one number) and of a point on the lamp (two numbers).
+    Distance,
 }
 
 /// The random numbers of one path.
@@ -54,6 +56,7 @@ impl Sampler {
                 Dimension::Flight => 1 + bounce * 3,
                 Dimension::Direction => 2 + bounce * 3,
                 Dimension::Light => 3 + bounce * 3,
+                Dimension::Distance => 1 + STRATIFIED_BOUNCES * 3 + bounce,
             };
             sobol_burley::sample_4d(self.index, set, self.scramble)
         } else {

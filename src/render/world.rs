@@ -1,7 +1,8 @@
 //! Everything that light meets but smoke: surfaces, materials and lights, and which light is asked for a connection.
 
 use crate::geometry::embree::{Hit, Ray, TraceScene};
-use crate::math::space::WorldPoint;
+use crate::math::space::{UnitVec3, WorldPoint};
+use crate::render::choice::LightChoice;
 use crate::render::color::Rgb;
 use crate::render::light::Light;
 use crate::render::light_path::OTHER_GROUP;
@@ -20,41 +21,45 @@ pub struct World {
     pub lights: Vec<Light>,
     /// Number of the group of each light.
     pub groups: Vec<usize>,
-    /// Running sums of the probability of choosing each light for a direct connection.
-    choice: Vec<f32>,
+    /// Those lights that have a place, but no surface among `surfaces`, and an extent: rays meet them.
+    met: Vec<u32>,
+    /// Those lights that have a place.
+    lamps: Vec<u32>,
+    /// Which light a shape is, for those that are.
+    light_of_shape: Vec<Option<u32>>,
+    choice: LightChoice,
 }
 
-/// A light that a path meets by itself.
+/// A light that a ray meets.
 #[derive(Debug, Clone, Copy)]
 pub struct MetLight {
-    /// Which.
-    pub light: usize,
     /// Distance along the ray [m].
     pub t: f32,
     /// Radiance towards the ray's origin [W/(m² sr)].
     pub radiance: Rgb,
-    /// Density [1/sr] with which it would have been sampled here, times the probability of choosing it.
+    /// Density [1/sr] with which the light itself would have been sampled here.
     pub pdf: f32,
+    /// Which.
+    pub light_idx: usize,
 }
 
 impl World {
     /// Puts surfaces and lights together; `center` is the middle of what is lit, from which lights are weighed.
     pub fn new(surfaces: TraceScene, materials: Vec<Material>, lights: Vec<Light>, center: WorldPoint) -> Self {
-        let shares: Vec<f32> = lights
-            .iter()
-            .map(|l| if l.is_worth_sampling() { l.rough_irradiance(center).sqrt() } else { 0.0 })
-            .collect();
-        let total: f32 = shares.iter().sum();
-        let mut sum = 0.0;
-        let choice = shares
-            .iter()
-            .map(|share| {
-                sum += if total > 0.0 { share / total } else { 0.0 };
-                sum
-            })
-            .collect();
+        let indices = |test: &dyn Fn(&Light) -> bool| {
+            (0..lights.len() as u32).filter(|&i| test(&lights[i as usize])).collect::<Vec<_>>()
+        };
+        let met = indices(&|light| matches!(light, Light::Panel(_) | Light::Ball(_)));
+        let lamps = indices(&|light| light.place().is_some() && light.peak_intensity() > 0.0);
+        let mut light_of_shape = vec![None; materials.len()];
+        for (i, light) in lights.iter().enumerate() {
+            if let Light::Surface(surface) = light {
+                light_of_shape[surface.shape_idx as usize] = Some(i as u32);
+            }
+        }
+        let choice = LightChoice::new(&lights, center);
         let groups = vec![OTHER_GROUP; lights.len()];
-        Self { surfaces, materials, lights, groups, choice }
+        Self { surfaces, materials, lights, groups, met, lamps, light_of_shape, choice }
     }
 
     /// The nearest surface that a ray of the camera meets.
@@ -82,26 +87,42 @@ impl World {
         self.first_hit(ray, t_max, |material| material.sight == Sight::Shadow)
     }
 
-    /// The light chosen by the uniform number `u`.
-    pub fn choose_light(&self, u: f32) -> Option<usize> {
-        let last = *self.choice.last()?;
-        (last > 0.0).then(|| self.choice.partition_point(|&c| c <= u * last).min(self.choice.len() - 1))
+    /// The light chosen at a lit point by the uniform number `u`, and the probability of that.
+    pub fn choose_light(&self, at: WorldPoint, u: f32) -> Option<(usize, f32)> {
+        self.choice.choose(&self.lights, at, u)
     }
 
-    /// Probability of choosing light `i`.
-    pub fn pmf(&self, i: usize) -> f32 {
-        self.choice[i] - if i == 0 { 0.0 } else { self.choice[i - 1] }
+    /// Probability of choosing light `i` at a lit point.
+    pub fn pmf(&self, at: WorldPoint, i: usize) -> f32 {
+        self.choice.pmf(&self.lights, at, i)
     }
 
-    /// The nearest light that the ray meets before `t_max`.
-    pub fn nearest_light(&self, ray: &Ray, t_max: f32) -> Option<MetLight> {
-        let hits = self.lights.iter().enumerate().filter_map(|(i, light)| Some((i, light.intersect(ray)?)));
-        hits.filter(|(_, hit)| hit.t < t_max).min_by(|a, b| a.1.t.total_cmp(&b.1.t)).map(|(light, hit)| MetLight {
-            light,
-            t: hit.t,
-            radiance: hit.radiance,
-            pdf: hit.pdf * self.pmf(light),
-        })
+    /// Lights that have a place, by index.
+    pub fn lamps(&self) -> &[u32] {
+        &self.lamps
+    }
+
+    /// Lets no flight be lit at a distance taken for a lamp near it: the same light with more noise, to measure against.
+    pub fn forget_lamps(&mut self) {
+        self.lamps.clear();
+    }
+
+    /// The nearest light that the ray meets before `t_max`, but for surfaces; `is_camera` for rays that the camera sends.
+    pub fn nearest_light(&self, ray: &Ray, t_max: f32, is_camera: bool) -> Option<MetLight> {
+        let hits = self.met.iter().filter_map(|&i| {
+            let light = &self.lights[i as usize];
+            let hit = light.intersect(ray).filter(|hit| hit.t < t_max && (light.is_visible() || !is_camera))?;
+            Some(MetLight { t: hit.t, radiance: hit.radiance, pdf: hit.pdf, light_idx: i as usize })
+        });
+        hits.min_by(|a, b| a.t.total_cmp(&b.t))
+    }
+
+    /// Which light the surface is that a ray from `from` hit, if it is one, and the density [1/sr] with which the light
+    /// itself would have been sampled here.
+    pub fn surface_light(&self, hit: &Hit, from: WorldPoint, direction: UnitVec3) -> Option<(usize, f32)> {
+        let i = (*self.light_of_shape.get(hit.shape_idx as usize)?)? as usize;
+        let Light::Surface(surface) = &self.lights[i] else { return None };
+        Some((i, surface.pdf(from, direction, hit.t, hit.normal)))
     }
 
     /// Whether a surface or a light other than number `target` is in the way.
@@ -111,8 +132,8 @@ impl World {
 
     /// Whether a light other than number `target` is in the way.
     pub fn is_behind_light(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
-        let behind_light =
-            |(i, light): (usize, &Light)| i != target && light.intersect(ray).is_some_and(|h| h.t < t_max);
-        self.lights.iter().enumerate().any(behind_light)
+        let is_before =
+            |&i: &u32| i as usize != target && self.lights[i as usize].intersect(ray).is_some_and(|h| h.t < t_max);
+        self.met.iter().any(is_before)
     }
 }

@@ -6,7 +6,7 @@ use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
     Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Output, Part, Potential,
-    Settings, Shape, Smoke, Torus, Vec3,
+    Settings, Shape, Smoke, Sun, Torus, Vec3,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -21,6 +21,9 @@ const LIGHT_GROUPS_MAX: usize = 14;
 
 /// Names of the layers of light without a named group.
 const RESERVED_GROUPS: [&str; 2] = ["emission", "other"];
+
+/// Least diameter of a disk in the sky [degrees]: the rim of smaller ones is lost in the rounding of directions.
+const SUN_DIAMETER_MIN: f64 = 0.01;
 
 /// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
 pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
@@ -387,7 +390,7 @@ impl<'s> Check<'s, '_, '_> {
             let key = format!("lights[{index}]");
             let power = match light {
                 Light::Sun(sun) => {
-                    self.direction(&format!("{key}.sun.direction"), sun.direction);
+                    self.sun(&format!("{key}.sun"), sun);
                     sun.irradiance
                 }
                 Light::Environment(environment) => self.environment(&format!("{key}.environment"), environment),
@@ -403,7 +406,15 @@ impl<'s> Check<'s, '_, '_> {
                     }
                     rectangle.radiance
                 }
+                Light::Disk(disk) => {
+                    self.direction(&format!("{key}.disk.normal"), disk.normal);
+                    disk.radiance
+                }
                 Light::Sphere(sphere) => sphere.radiance,
+                Light::Spot(spot) => {
+                    self.direction(&format!("{key}.spot.direction"), spot.direction);
+                    spot.intensity
+                }
                 Light::Point(point) => point.intensity,
             };
             is_dark &= power == [0.0; 3];
@@ -435,12 +446,26 @@ impl<'s> Check<'s, '_, '_> {
         }
     }
 
+    fn sun(&mut self, key: &str, sun: &Sun) {
+        self.direction(&format!("{key}.direction"), sun.direction);
+        let diameter = sun.angular_diameter_deg;
+        let diameter_key = format!("{key}.angular_diameter_deg");
+        if diameter > 0.0 && diameter < SUN_DIAMETER_MIN {
+            let message = format!("must be 0, or at least {SUN_DIAMETER_MIN}, found {}", decimal(diameter));
+            self.error_help(&diameter_key, &diameter_key, message, "0 is parallel light; the real sun has 0.53");
+        } else if sun.visible && diameter == 0.0 {
+            let message = "parallel light cannot be seen: it has no disk";
+            self.warning(&format!("{key}.visible"), key, message, "set `angular_diameter_deg`; the real sun has 0.53");
+        }
+    }
+
     /// Checks it and returns how bright it is.
     fn environment(&mut self, key: &str, environment: &Environment) -> [f64; 3] {
         let given = [
             ("radiance", environment.radiance.is_some()),
             ("gradient", environment.gradient.is_some()),
             ("file", environment.file.is_some()),
+            ("sky", environment.sky.is_some()),
         ];
         self.exactly_one(key, &given);
         if let Some(file) = &environment.file {

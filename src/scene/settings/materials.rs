@@ -55,8 +55,9 @@ impl Material {
 pub struct Diffuse {
     /// Share of light reflected, 0 to 1: a colour, or a texture.
     pub reflectance: Texture,
-    /// Light that the surface gives off [W/(m² sr)]: a colour, or a texture. Paths meet it by chance, so what is small and
-    /// bright is better a light. Default none.
+    /// Light that the surface gives off [W/(m² sr)], to both sides: a colour, or a texture. Balls, boxes with sharp edges and
+    /// meshes of one colour are lights like those under `lights`. Textures, and other shapes, are met by chance alone: the
+    /// light is the same, and noisy where they are small and bright. Default none.
     #[serde(default = "dark")]
     pub emission: Texture,
 }
