@@ -28,6 +28,12 @@ gallery:
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 24 --resolution 640x360 --spp 320 --resume || exit 1; \
 		cp out/$$scene.0024.png docs/gallery/$$scene.png; \
 	done
+	$(CURLSMOKE) render scenes/ember.yaml --frames 36 --resume
+	$(CURLSMOKE) render scenes/metals.yaml --frames 36 --resume
+	$(CURLSMOKE) render scenes/lamps.yaml --resume
+	cp out/ember.0036.png docs/gallery/ember.png
+	cp out/metals.0036.png docs/gallery/metals.png
+	cp out/lamps.png docs/gallery/lamps.png
 	for scene in filaments confined; do \
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 48 --resolution 640x360 --spp 256 --resume || exit 1; \
 		cp out/$$scene.0048.png docs/gallery/$$scene.png; \
