@@ -17,6 +17,7 @@ use crate::output::sidecar::{self, Sidecar, sidecar_path};
 use crate::output::{self, OutputError, exr, file, png};
 use crate::particles::ParticleSystem;
 use crate::pipeline::fingerprint::InputHash;
+use crate::pipeline::heat::Heat;
 use crate::pipeline::mask_files::SceneFiles;
 use crate::pipeline::smoke::SmokeSource;
 use crate::progress::{Progress, Silent, Stage};
@@ -139,7 +140,7 @@ pub fn bake(
     for (index, &frame) in job.frames.iter().enumerate() {
         progress.frame(frame, index, job.frames.len());
         let mut record = Sidecar { frame, ..Sidecar::default() };
-        let grid = smoke.grid(scene, frame, progress, &mut record)?.ok_or(Error::NothingToBake)?.density;
+        let grid = smoke.grid(scene, frame, None, progress, &mut record)?.ok_or(Error::NothingToBake)?.density;
         let path = file_of(frame);
         timed(progress, Stage::Write, &mut record, 0, || {
             let bytes = vdb::write_float_grids(&[("density", &grid)], settings);
@@ -180,7 +181,8 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     match &scene.settings.smoke {
         Some(settings::Smoke { file: Some(_), .. }) => {
             let frame = scene.settings.frames.first;
-            SmokeSource::build(scene, &geometry)?.grid(scene, frame, &Silent, &mut Sidecar::default())?;
+            let heat = smoke_heat(scene);
+            SmokeSource::build(scene, &geometry)?.grid(scene, frame, heat, &Silent, &mut Sidecar::default())?;
         }
         Some(settings::Smoke { grid: Some(_), emitters, .. }) => {
             let system = ParticleSystem::build(scene, &geometry, flow)
@@ -213,8 +215,14 @@ impl Studio {
         let start = Instant::now();
         let geometry = build_geometry(scene, progress)?;
         geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
-        let textures = load_textures(scene)?;
-        let world = if geometry.moves() { None } else { Some(build_world(scene, &geometry, Vec::new())?) };
+        let mut textures = load_textures(scene)?;
+        let world = if geometry.moves() {
+            None
+        } else {
+            // Whether a shape shines the same everywhere, and so is a light, does not change with time.
+            let materials = render::build_materials(scene, &geometry, &mut textures, 0.0);
+            Some(build_world(scene, &geometry, materials)?)
+        };
         let smoke = SmokeSource::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());
         Ok(Self { geometry, world, textures, smoke })
@@ -228,7 +236,7 @@ impl Studio {
         progress: &dyn Progress,
         record: &mut Sidecar,
     ) -> Result<Film, Error> {
-        let grid = self.smoke.grid(scene, frame, progress, record)?;
+        let grid = self.smoke.grid(scene, frame, smoke_heat(scene), progress, record)?;
         let start = Instant::now();
         let medium = grid
             .map(|smoke| {
@@ -239,7 +247,11 @@ impl Studio {
                 Ok(medium)
             })
             .transpose()
-            .map_err(|e: RenderError| in_scene(scene, "smoke.medium.extinction", Some(frame), e))?
+            .map_err(|e: RenderError| {
+                let is_heat = matches!(e, RenderError::TooHot { .. });
+                let key = if is_heat { "smoke.blackbody" } else { "smoke.medium.extinction" };
+                in_scene(scene, key, Some(frame), e)
+            })?
             .flatten();
         record.add_time(Stage::Grid, start.elapsed());
         let view = render::build_view(scene, frame, crop);
@@ -276,6 +288,11 @@ impl Studio {
         }
         Ok(film)
     }
+}
+
+/// What the smoke of a scene gives off because it is hot.
+fn smoke_heat(scene: &Scene) -> Option<Heat> {
+    scene.settings.smoke.as_ref().and_then(Heat::new)
 }
 
 /// Time of a frame [s].

@@ -42,6 +42,7 @@ fn picture(stage: &Stage, medium: &Medium) -> Film {
 
 /// The numbers of a channel.
 fn channel(film: &Film, name: &str) -> Vec<f32> {
+    assert!(film.layers.iter().all(|layer| layer.channels().len() == layer.channel_count()));
     let names: Vec<String> = film.layers.iter().flat_map(|layer| layer.channels()).collect();
     let at = names.iter().position(|known| known == name).unwrap_or_else(|| panic!("{name} among {names:?}"));
     film.layer_data.iter().skip(at).step_by(names.len()).copied().collect()

@@ -52,9 +52,21 @@ fn picture(medium: &str, density: f32) -> Film {
 fn each_channel_is_that_of_grey_smoke_of_its_own_extinction() {
     // Thin, and so dense that pieces are crossed voxel by voxel.
     for density in [1.0, 400.0] {
-        let tinted = picture("extinction: 5, extinction_tint: [0.2, 0.6, 1], albedo: [0.9, 0.7, 0.5]", density);
+        // It glows too, each channel in another way than it is absorbed.
+        let glow = 0.5 / density;
+        let tinted = picture(
+            &format!(
+                "extinction: 5, extinction_tint: [0.2, 0.6, 1], albedo: [0.9, 0.7, 0.5], emission: [{glow}, {glow}, {glow}]"
+            ),
+            density,
+        );
         for (channel, (factor, albedo)) in [(1.0, 0.9), (3.0, 0.7), (5.0, 0.5)].into_iter().enumerate() {
-            let grey = picture(&format!("extinction: {factor}, albedo: [{albedo}, {albedo}, {albedo}]"), density);
+            let grey = picture(
+                &format!(
+                    "extinction: {factor}, albedo: [{albedo}, {albedo}, {albedo}], emission: [{glow}, {glow}, {glow}]"
+                ),
+                density,
+            );
             let mut scores = Vec::new();
             for rows in 0..3 {
                 // Bands of eight rows.

@@ -7,6 +7,9 @@ use crate::render::film::PixelBounds;
 use crate::scene::{Scene, settings};
 use std::path::Path;
 
+/// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
+const PICTURES: &str = "2026-11-23";
+
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {
     settings: Vec<u8>,
@@ -58,9 +61,15 @@ impl InputHash {
             let path = scene.resolve(&parse_pattern(&density.path)?.expand(frame, scene.name()));
             volume = file_hash(&path)?;
         }
-        let version = env!("CARGO_PKG_VERSION");
-        let parts =
-            [version.as_bytes(), &self.settings, self.files.as_bytes(), volume.as_bytes(), &frame.to_le_bytes()];
+        let version = concat!(env!("CARGO_PKG_VERSION"), "/");
+        let parts = [
+            version.as_bytes(),
+            PICTURES.as_bytes(),
+            &self.settings,
+            self.files.as_bytes(),
+            volume.as_bytes(),
+            &frame.to_le_bytes(),
+        ];
         Ok(sidecar::fingerprint(&parts))
     }
 }

@@ -12,6 +12,9 @@ use crate::scene::settings;
 use glam::Vec3;
 use rayon::prelude::*;
 
+/// Memory that a particle takes besides while its light is splatted [bytes].
+pub(super) const PARTICLE_BYTES: u64 = 16;
+
 /// Light that density 1 gives off at a temperature [W/(m³ sr)].
 pub(super) struct Heat {
     table: Blackbody,
@@ -25,7 +28,8 @@ impl Heat {
     pub(super) fn new(smoke: &settings::Smoke) -> Option<Self> {
         let settings = smoke.blackbody?;
         let medium = &smoke.medium;
-        let factor = medium.albedo.map(|albedo| (settings.gain * medium.extinction * (1.0 - albedo)) as f32);
+        let absorption = |i: usize| medium.extinction * medium.extinction_tint[i] * (1.0 - medium.albedo[i]);
+        let factor = [0, 1, 2].map(|i| (settings.gain * absorption(i)) as f32);
         Some(Self { table: Blackbody::new(), settings, factor: Vec3::from(factor) })
     }
 

@@ -8,7 +8,7 @@ use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{DensityGrid, vdb};
 use crate::output::sidecar::{MassFigures, Sidecar};
 use crate::particles::ParticleSystem;
-use crate::pipeline::heat::Heat;
+use crate::pipeline::heat::{self, Heat};
 use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::Scene;
@@ -64,12 +64,10 @@ impl SmokeSource {
         &mut self,
         scene: &Scene,
         frame: i32,
+        heat: Option<Heat>,
         progress: &dyn Progress,
         record: &mut Sidecar,
     ) -> Result<Option<FrameSmoke>, Error> {
-        let heat = scene.settings.smoke.as_ref().and_then(Heat::new);
-        // Four grids share what is left.
-        let share = if heat.is_some() { 4 } else { 1 };
         let (density, glow) = match self {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings, is_told } => {
@@ -89,8 +87,13 @@ impl SmokeSource {
                     obstacles: has_walls.then_some(&walls),
                 };
                 let count = particles.mass.len();
-                let settings =
-                    SplatSettings { memory_limit_bytes: grid_memory_limit(scene, count) / share, ..*settings };
+                // Of hot smoke four grids share what is left.
+                let limit = grid_memory_limit(scene, count);
+                let limit = match heat {
+                    Some(_) => limit.saturating_sub(count as u64 * heat::PARTICLE_BYTES) / 4,
+                    None => limit,
+                };
+                let settings = SplatSettings { memory_limit_bytes: limit, ..*settings };
                 let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, &settings))
                     .map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
                 let m = splat.mass;
@@ -111,7 +114,8 @@ impl SmokeSource {
             }
             Self::File { pattern, grid_name, temperature_name } => {
                 let path = scene.resolve(&pattern.expand(frame, scene.name()));
-                let limit = grid_memory_limit(scene, 0) / share;
+                // Of hot smoke five grids share it, and the bricks of two while the light is made.
+                let limit = grid_memory_limit(scene, 0) / if heat.is_some() { 7 } else { 1 };
                 let read = |name: &str| vdb::read_float_grid(&path, name, limit);
                 let density = timed(progress, Stage::Grid, record, 0, || read(grid_name))
                     .map_err(|e| in_scene(scene, "smoke.file.path", Some(frame), e))?;

@@ -31,7 +31,7 @@ pub struct Adaptive {
 }
 
 impl Adaptive {
-    /// All paths of a pixel, at most `spp` that are used; `trace(half, sum, samples)` adds paths to the sum of a half.
+    /// All paths of a pixel, at most `spp`, an even number; `trace(half, sum, samples)` adds paths to the sum of a half.
     ///
     /// # Errors
     /// The first of `trace`.
@@ -41,7 +41,7 @@ impl Adaptive {
         layers: &[Layer],
         mut trace: impl FnMut(usize, &mut PixelSum, Range<u32>) -> Result<(), RenderError>,
     ) -> Result<PixelSum, RenderError> {
-        let most = spp.div_ceil(2);
+        let most = (spp / 2).max(1);
         let mut sums = [PixelSum::new(layers), PixelSum::new(layers)];
         let mut ended: [Option<PixelSum>; 2] = [None, None];
         let mut count = 0;
@@ -63,6 +63,10 @@ impl Adaptive {
 
     /// Whether two halves like this one have little enough noise.
     fn is_quiet(&self, half: &PixelSum) -> bool {
+        // The shadow that a catcher takes has no variance of its own to judge by.
+        if half.has_caught() {
+            return false;
+        }
         let moments = half.moments();
         // Channels rise and fall together, or nearly: an upper bound.
         let error = luminance(Vec3::powf(moments.variance_of_mean(), 0.5)) * std::f32::consts::FRAC_1_SQRT_2;

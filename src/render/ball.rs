@@ -51,8 +51,17 @@ impl Ball {
 
     /// Whether a point is inside or, to within the rounding of coordinates, on the surface: a wall that is lit by itself.
     fn is_within(&self, p: WorldPoint) -> bool {
-        let scale = p.0.abs().max(self.center.0.abs()).max_element() + self.radius;
-        (self.center - p).length() <= self.radius + ON_SURFACE * scale
+        self.height(p) <= self.rounding(p)
+    }
+
+    /// Distance of a point from the surface, negative inside [m].
+    fn height(&self, p: WorldPoint) -> f32 {
+        (self.center - p).length() - self.radius
+    }
+
+    /// Height below which a point cannot be told from one on the surface [m].
+    fn rounding(&self, p: WorldPoint) -> f32 {
+        ON_SURFACE * (p.0.abs().max(self.center.0.abs()).max_element() + self.radius)
     }
 
     /// Density [1/sr] with which [`Ball::sample`] returns a direction that meets the ball.
@@ -70,7 +79,13 @@ impl Ball {
         // Distance of the ray from the centre from the cross product: exact for far balls where squares cancel.
         let off_sq = to_center.cross(*ray.direction).length_squared();
         let half_chord = (self.radius * self.radius - off_sq).sqrt();
-        let t = if self.is_within(ray.origin) { along + half_chord } else { along - half_chord };
+        let (height, rounding) = (self.height(ray.origin), self.rounding(ray.origin));
+        let t = match height {
+            // From the surface the other side is met, and nothing outwards: a wall does not light itself through its own skin.
+            _ if height.abs() <= rounding => 2.0 * along,
+            _ if height < 0.0 => along + half_chord,
+            _ => along - half_chord,
+        };
         (t > 1e-6).then_some(t)
     }
 
@@ -135,5 +150,22 @@ mod tests {
         let ball = Ball::new(WorldPoint::new(0.0, 1.0e4, 0.0), 1.0, Vec3::ONE);
         let expected = 1.0 / (PI * 1.0e-8);
         assert!((ball.pdf(WorldPoint::default()) / expected - 1.0).abs() < 1e-4);
+    }
+    #[test]
+    fn the_outside_of_a_ball_is_not_lit_by_the_ball() {
+        for (center, radius) in [(Vec3::new(100.0, -3.0, 20.0), 2.0f32), (Vec3::new(0.3, 0.1, -4.0), 0.5)] {
+            let ball = Ball::new(WorldPoint(center), radius, Vec3::ONE);
+            for i in 0..2000 {
+                let angle = i as f32;
+                let out =
+                    UnitVec3::try_new(Vec3::new(angle.sin(), (0.37 * angle).sin(), angle.cos())).expect("not zero");
+                // Where a ray hits it, with the rounding of single precision.
+                let from = WorldPoint(center + *out * radius);
+                let u = [(i % 50) as f32 / 50.0, (i / 50) as f32 / 40.0];
+                if let Some(s) = ball.sample(from, u) {
+                    assert!(out.dot(*s.direction) < 1e-4, "{from:?}: light from {:?} at {}", s.direction, s.distance);
+                }
+            }
+        }
     }
 }

@@ -208,6 +208,11 @@ impl PixelSum {
         }
     }
 
+    /// Whether a path met a shadow catcher.
+    pub fn has_caught(&self) -> bool {
+        self.caught > 0.0
+    }
+
     /// Share of light that shadows take from catchers, from the means of all paths that met one: the mean of ratios would
     /// be another number. Places without any light have no shadow.
     fn shadow(&self) -> f64 {

@@ -88,6 +88,15 @@ impl Layer {
         }
     }
 
+    /// How many channels it has.
+    pub fn channel_count(&self) -> usize {
+        match self {
+            Self::Depth | Self::ShapeId | Self::Transmittance | Self::Bounces | Self::Samples => 1,
+            Self::Cryptomatte(_) => 2 * cryptomatte::RANKS,
+            _ => 3,
+        }
+    }
+
     /// How its numbers may be kept.
     pub fn precision(&self) -> Precision {
         match self {
@@ -138,7 +147,7 @@ impl Layer {
             (Self::VolumeDepth, Some(middle)) => Vec3::from(middle.volume_depth),
             _ => mean,
         };
-        out.extend(values.to_array().into_iter().take(self.channels().len()));
+        out.extend(values.to_array().into_iter().take(self.channel_count()));
     }
 }
 

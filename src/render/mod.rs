@@ -245,6 +245,7 @@ pub fn build_world(
     materials: Vec<Material>,
     load: LoadPicture,
 ) -> Result<World, RenderError> {
+    debug_assert_eq!(materials.len(), geometry.shapes.len(), "shapes that shine are found by their materials");
     let surfaces = geometry.trace_scene()?;
     let mut lights = build_lights(scene, load)?;
     let shapes = geometry.shapes.iter().zip(&materials).enumerate().filter(|(_, (shape, _))| shape.visible);

@@ -15,11 +15,12 @@ const SEQUENCE: u32 = 1 << 16;
 /// What a group of four numbers decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dimension {
-    /// Position on the film (two numbers).
+    /// Position on the film (two numbers) and on the lens (two numbers).
     Film,
-    /// Optical distance to the next collision (one number) and roulette (one number).
+    /// Optical distance to the next collision (one number), roulette (one number), and at the camera the channel that decides
+    /// in smoke with a tint (one number).
     Flight,
-    /// Direction after an event (two numbers).
+    /// Direction after an event (two numbers), and which lobe (one number).
     Direction,
     /// Choice of a light (one number) and of a point on it (two numbers).
     Light,

@@ -61,7 +61,8 @@ struct Tile {
     counts: PathCounts,
 }
 
-/// Takes the picture, on all threads of the current pool. Equal inputs give equal bits whatever their number.
+/// Takes the picture, on all threads of the current pool. Equal inputs give equal bits whatever their number, but for
+/// how many paths there is time for where that is limited.
 ///
 /// # Errors
 /// [`RenderError::Cancelled`] soon after `progress` says so; [`RenderError::NonFinite`] for a path that brings no number.
@@ -191,6 +192,7 @@ impl<'a> PixelPainter<'a> {
 
     fn paint(&mut self) -> Result<PixelSum, RenderError> {
         self.look()?;
+        let before = self.counts.traced;
         let sum = match &self.view.adaptive {
             None => {
                 let mut sum = PixelSum::new(&self.view.layers);
@@ -204,7 +206,7 @@ impl<'a> PixelPainter<'a> {
             }
         };
         // Paths that were not needed are done too.
-        self.unsaid += self.view.spp - sum.moments().count().min(self.view.spp);
+        self.unsaid += u64::from(self.view.spp).saturating_sub(self.counts.traced - before) as u32;
         self.progress.advance(u64::from(self.unsaid));
         Ok(sum)
     }
@@ -239,7 +241,7 @@ impl<'a> PixelPainter<'a> {
 
 /// Puts tiles in their places; counts are added in the order of the tiles, so that their sum has no luck in it either.
 fn assemble(view: &View, tiles: &[PixelBounds], finished: &[Tile]) -> Film {
-    let channels: usize = view.layers.iter().map(|layer| layer.channels().len()).sum();
+    let channels: usize = view.layers.iter().map(Layer::channel_count).sum();
     let mut pixels = vec![Pixel::default(); view.bounds.area()];
     let mut layer_data = vec![0.0; view.bounds.area() * channels];
     let mut paths = PathCounts::default();

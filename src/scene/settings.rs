@@ -186,7 +186,8 @@ pub struct Film {
     #[schemars(range(min = 1, max = 16777216))]
     pub spp: u32,
     /// A pixel has enough paths when the standard error of its luminance is this share of that luminance plus
-    /// 0.05 W/(m² sr): 0.02 is clean, 0.1 grainy. Unbiased, and the same on every run. Default none: all pixels have `spp`.
+    /// 0.05 W/(m² sr): 0.02 is clean, 0.1 grainy. Unbiased, and the same on every run. Pixels that
+    /// see a shadow catcher have all of `spp`. Default none: all pixels have.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0001, max = 10.0))]
     pub noise_target: Option<f64>,

@@ -167,7 +167,7 @@ impl<'s> Check<'s, '_, '_> {
         if film.noise_target.is_none() && film.min_spp != Film::default().min_spp {
             let message = "`min_spp` has no effect without `noise_target`";
             self.warning("film.min_spp", "film", message, "add `noise_target`, for example 0.02, or remove it");
-        } else if film.noise_target.is_some() && film.min_spp > film.spp {
+        } else if film.min_spp > film.spp && film.min_spp != Film::default().min_spp {
             let message = format!("the fewest paths, {}, are more than the most, `spp: {}`", film.min_spp, film.spp);
             self.error("film.min_spp", "film", message);
         }

@@ -91,6 +91,18 @@ impl Check<'_, '_, '_> {
                 self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
             }
         }
+        if smoke.blackbody.is_some() && smoke.medium.albedo.iter().all(|&albedo| albedo == 1.0) {
+            let message = "smoke of albedo 1 absorbs nothing, and so does not glow";
+            self.warning("smoke.blackbody", "smoke.medium", message, "lower `smoke.medium.albedo`");
+        }
+        if let Some(remap) = &smoke.remap {
+            let [low, high] = remap.in_range;
+            if low >= high {
+                let message =
+                    format!("the lowest density, {}, is not below the highest, {}", decimal(low), decimal(high));
+                self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
+            }
+        }
         if smoke.glows() && smoke.medium.is_tinted() {
             let message = "smoke that glows cannot have `extinction_tint`";
             let help = "make the three factors equal, or remove what glows, `emission` and `blackbody`";

@@ -71,8 +71,8 @@ pub enum Aov {
     /// Variance of the mean of the picture, as if samples were independent: an upper bound, since they are stratified.
     /// Infinite with one sample per pixel. Channels variance.R, variance.G, variance.B.
     Variance,
-    /// Share of light that the smoke before the first surface lets through, exact along the ray through the middle of the pixel.
-    /// Channel transmittance.
+    /// Share of light that the smoke before the first surface lets through, exact along the ray through the middle of the pixel;
+    /// of smoke with a tint, and for `volume_depth` too, of the channel that has most extinction. Channel transmittance.
     Transmittance,
     /// Distances along the view axis at which smoke begins, at which on average it stops the view, and at which it has stopped
     /// half of it [m]; infinite where it does not. Channels volume_depth.first, volume_depth.mean, volume_depth.half.

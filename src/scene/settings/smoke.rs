@@ -243,7 +243,7 @@ fn is_temperature_name(name: &String) -> bool {
 }
 
 /// Light of hot smoke, as much as physics says: what absorbs light, `extinction · (1 − albedo)`, gives off as much at its
-/// temperature as a black body. Smoke of albedo 1 does not glow.
+/// temperature as a black body; the density is that before `remap`. Smoke of albedo 1 does not glow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Blackbody {
@@ -308,7 +308,7 @@ pub struct Medium {
     #[schemars(range(min = 0.0, max = 1e9))]
     pub extinction: f64,
     /// Factors on the extinction for red, green and blue, 0 to 1: smoke against the light is brown at [0.6, 0.8, 1], whatever
-    /// its albedo. Not with `emission`. Default white, which is also the fastest.
+    /// its albedo. Default white, which is also the fastest.
     #[serde(skip_serializing_if = "is_white")]
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub extinction_tint: Rgb,
