@@ -91,23 +91,6 @@ impl Check<'_, '_, '_> {
                 self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
             }
         }
-        if smoke.blackbody.is_some() && smoke.medium.albedo.iter().all(|&albedo| albedo == 1.0) {
-            let message = "smoke of albedo 1 absorbs nothing, and so does not glow";
-            self.warning("smoke.blackbody", "smoke.medium", message, "lower `smoke.medium.albedo`");
-        }
-        if let Some(remap) = &smoke.remap {
-            let [low, high] = remap.in_range;
-            if low >= high {
-                let message =
-                    format!("the lowest density, {}, is not below the highest, {}", decimal(low), decimal(high));
-                self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
-            }
-        }
-        if smoke.glows() && smoke.medium.is_tinted() {
-            let message = "smoke that glows cannot have `extinction_tint`";
-            let help = "make the three factors equal, or remove what glows, `emission` and `blackbody`";
-            self.error_help("smoke.medium.extinction_tint", "smoke.medium", message, help);
-        }
         if !smoke.glows() {
             self.visibility(smoke);
         }
@@ -136,7 +119,8 @@ impl Check<'_, '_, '_> {
             CameraProjection::LatLong => 2.0 * camera.distance(),
         };
         let [width_px, height_px] = self.settings.film.resolution.map(f64::from);
-        let optical_depth = mass * medium.extinction / (height * height * width_px / height_px);
+        let most = medium.extinction_tint.iter().copied().fold(0.0, f64::max);
+        let optical_depth = mass * medium.extinction * most / (height * height * width_px / height_px);
         if optical_depth < OPTICAL_DEPTH_VISIBLE && self.is_sound("camera") && self.is_sound("film") {
             let message = format!(
                 "the smoke is practically invisible: spread over the picture its optical depth is {optical_depth:.1e}"
