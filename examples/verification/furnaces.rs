@@ -28,6 +28,32 @@ pub fn rows(report: &mut Report) {
             report.row(&format!("smoke, g = {g}, camera {name}"), 1.0, found);
         }
     }
+    for (name, keys) in [
+        ("smoke with a tint of 0.3, 0.7, 1", "extinction_tint: [0.3, 0.7, 1], phase: {henyey_greenstein: {g: 0.5}}"),
+        ("smoke of two lobes", "phase: {two_lobes: {g1: 0.8, g2: -0.4, share: 0.6}}"),
+        ("smoke of droplets of 10 µm", "phase: {droplets: {diameter_um: 10}}"),
+    ] {
+        let stage = scene(&format!("extinction: 5, albedo: [1, 1, 1], {keys}"), ROOM);
+        let medium = medium(&stage, centered_grid([8; 3], 0.1, lumps));
+        for (place, beam) in [("outside", outside), ("inside", inside)] {
+            let found = estimate(&stage, Some(&medium), 400_000, report.seed(), |_| beam);
+            report.row(&format!("{name}, camera {place}"), 1.0, found);
+        }
+    }
+    for (name, material) in [
+        ("metal of roughness 0.6", "principled: {base_color: [1, 1, 1], metallic: 1, roughness: 0.6}"),
+        ("clear glass", "dielectric: {ior: 1.5}"),
+        ("frosted glass", "dielectric: {ior: 1.5, roughness: 0.4}"),
+        ("lacquer", "plastic: {reflectance: [1, 1, 1], roughness: 0.3}"),
+    ] {
+        let ball = format!(
+            "shapes: {{ball: {{sphere: {{center: [0.1, 0, 0], radius: 0.15}}, material: {{{material}}}}}}}\n{ROOM}"
+        );
+        let stage = scene(&white(0.4, 3.0), &ball);
+        let medium = medium(&stage, centered_grid([8; 3], 0.1, lumps));
+        let found = estimate(&stage, Some(&medium), 100_000, report.seed(), |_| outside);
+        report.row(&format!("a white ball of {name} in smoke"), 1.0, found);
+    }
     let stage = scene(&white(0.0, 1.0), &format!("{BALL}\n{ROOM}"));
     report.row("a white ball alone", 1.0, estimate(&stage, None, 800_000, report.seed(), |_| outside));
     for (name, extinction) in [("thin", 3.0), ("thick", 60.0)] {

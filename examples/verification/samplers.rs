@@ -12,7 +12,7 @@ use curlsmoke::render::bsdf::Bsdf;
 use curlsmoke::render::filter::Filter;
 use curlsmoke::render::light::Light;
 use curlsmoke::render::panel::{Outline, Panel};
-use curlsmoke::render::phase::Phase;
+use curlsmoke::render::phase::{Lobe, Phase};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -44,6 +44,27 @@ pub fn rows(report: &mut Report) {
             |d| density(axis.dot(d)),
         );
     }
+    let [narrow, wide] = [0.8, -0.3].map(henyey_greenstein);
+    let two = Phase::two_lobes([0.8, -0.3], 0.7);
+    sphere(
+        report,
+        "two lobes, g = 0.8 and −0.3",
+        |u| Some(two.sample(before, u).direction),
+        |d| 0.7 * narrow(axis.dot(d)) + 0.3 * wide(axis.dot(d)),
+    );
+    // Draine 2003, equation 9.
+    let (g, alpha) = (0.5, 20.0);
+    let draine = Phase::Mixture { lobes: [Lobe::Draine { g: g as f32, alpha: alpha as f32 }; 2], share: 0.4 };
+    let base = henyey_greenstein(g);
+    sphere(
+        report,
+        "Draine, g = 0.5, α = 20",
+        |u| Some(draine.sample(before, u).direction),
+        |d| {
+            let c: f64 = axis.dot(d);
+            base(c) * (1.0 + alpha * c * c) / (1.0 + alpha * (1.0 + 2.0 * g * g) / 3.0)
+        },
+    );
     let diffuse = Bsdf::Diffuse { reflectance: Vec3::splat(0.5) };
     sphere(
         report,
