@@ -151,6 +151,9 @@ pub fn bake(
     Ok(())
 }
 
+/// Largest number of half precision.
+const HALF_MAX: f32 = 65504.0;
+
 /// Share of light lost with paths that are cut above which people are told.
 const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
 
@@ -413,6 +416,14 @@ fn write_frame(
         shutter: settings.frames.shutter,
         camera: render::build_view(scene, record.frame, None).camera,
     };
+    let cut = film.pixels.iter().filter(|pixel| pixel.mean.max_element() > HALF_MAX).count();
+    if cut > 0 {
+        progress.note(&format!(
+            "frame {}: {cut} pixels are brighter than {HALF_MAX} W/(m² sr), the most that the picture's half precision holds, and \
+             are cut there; dim the lights that are seen, or hide them with `visible: false`",
+            record.frame
+        ));
+    }
     let mut written = Vec::new();
     let start = Instant::now();
     progress.begin(Stage::Write, 0);

@@ -205,7 +205,12 @@ impl Geometry {
     pub fn camera_warning(&self, scene: &Scene) -> Option<String> {
         let camera = DVec3::from_array(scene.settings.camera.position);
         // A container may be the room that the camera stands in.
-        let is_seen = |shape: &Shape| shape.visible && !scene.settings.shapes[&shape.name].invisible_to_camera;
+        let is_seen = |shape: &Shape| {
+            let settings = &scene.settings.shapes[&shape.name];
+            // Nothing is hidden by glass, nor by the wall of a room that shines or is meant to be a hole.
+            let hides = !settings.material.is_clear() && settings.material.emission().is_black() && !settings.holdout;
+            shape.visible && hides && !settings.invisible_to_camera
+        };
         let is_solid = |shape: &Shape| is_seen(shape) && !scene.settings.flow.holders().any(|name| *name == shape.name);
         let around = self.at(0.0).shapes.into_iter().find(|shape| is_solid(shape) && shape.contains(camera))?;
         let place = scene.place("camera.position");

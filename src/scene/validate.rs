@@ -169,7 +169,7 @@ impl<'s> Check<'s, '_, '_> {
             self.warning("film.min_spp", "film", message, "add `noise_target`, for example 0.02, or remove it");
         } else if film.min_spp > film.spp && film.min_spp != Film::default().min_spp {
             let message = format!("the fewest paths, {}, are more than the most, `spp: {}`", film.min_spp, film.spp);
-            self.error("film.min_spp", "film", message);
+            self.error_help("film.min_spp", "film", message, "lower it, or raise `spp`");
         }
     }
 
@@ -433,7 +433,8 @@ impl<'s> Check<'s, '_, '_> {
             let key = format!("lights[{index}].{}.group", light.kind());
             let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
             if !is_plain || name.is_empty() || name.len() > 32 {
-                self.error(&key, &key, "the name of a group has 1 to 32 letters, digits and `_`");
+                let message = "the name of a group has 1 to 32 letters, digits and `_`";
+                self.error_help(&key, &key, message, "it becomes the name of a layer, `light_NAME`");
             } else if RESERVED_GROUPS.contains(&name) {
                 let message = format!("`{name}` is the layer of what is in no group");
                 self.error_help(&key, &key, message, "take another name");

@@ -91,7 +91,8 @@ impl Check<'_, '_, '_> {
                 self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
             }
         }
-        if !smoke.glows() {
+        // Hot smoke gives off as much as it absorbs.
+        if !smoke.medium.glows() {
             self.visibility(smoke);
         }
     }
@@ -99,7 +100,7 @@ impl Check<'_, '_, '_> {
     /// Warns of smoke that nobody will see, the commonest cause of an empty picture.
     fn visibility(&mut self, smoke: &Smoke) {
         let medium = &smoke.medium;
-        if medium.extinction == 0.0 {
+        if medium.extinction == 0.0 || medium.extinction_tint == [0.0; 3] {
             let message = "smoke of extinction 0 is invisible";
             self.warning("smoke.medium.extinction", "smoke.medium", message, "the default is 10");
             return;

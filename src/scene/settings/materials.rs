@@ -27,6 +27,15 @@ impl Default for Material {
 }
 
 impl Material {
+    /// Whether light goes through it, so that a camera inside sees out.
+    pub fn is_clear(&self) -> bool {
+        match self {
+            Self::Dielectric(_) => true,
+            Self::Principled(principled) => principled.transmission > 0.0,
+            _ => false,
+        }
+    }
+
     /// Its textures by their keys: its colour, of at most 1, and what it gives off.
     pub fn textures(&self) -> [(&'static str, &Texture); 2] {
         match self {
@@ -71,11 +80,11 @@ pub struct Conductor {
     pub metal: Option<Metal>,
     /// n of red, green and blue.
     #[serde(default)]
-    #[schemars(inner(inner(range(min = 0.001, max = 100.0))))]
+    #[schemars(inner(range(min = 0.001, max = 1000.0)))]
     pub eta: Option<Rgb>,
     /// k of red, green and blue.
     #[serde(default)]
-    #[schemars(inner(inner(range(min = 0.0, max = 100.0))))]
+    #[schemars(inner(range(min = 0.0, max = 1000.0)))]
     pub k: Option<Rgb>,
     /// How rough it looks, 0 to 1: the root of alpha of GGX. Below 0.01 a perfect mirror. Default 0.2.
     #[serde(default = "roughness")]

@@ -57,7 +57,8 @@ pub enum Compression {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Aov {
-    /// Distance along the view axis to the first surface [m]; infinite where there is none. Through the middle of the pixel.
+    /// Distance along the view axis (with `projection: lat_long` from the camera) to the first surface [m]; infinite where there is
+    /// none. Through the middle of the pixel.
     /// Channel Z.
     Depth,
     /// Where that surface is in the world [m]; 0 where there is none. Channels P.X, P.Y, P.Z.

@@ -247,13 +247,13 @@ fn is_temperature_name(name: &String) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Blackbody {
-    /// Temperature of particles when they are born [K]: embers have 1000, a candle 1900. Default 1500.
+    /// Of particles: temperature when they are born [K]: embers have 1000, a candle 1900. Default 1500.
     #[schemars(range(min = 0.0, max = 20000.0))]
     pub temperature: f64,
-    /// After this time the difference of a particle's temperature from `ambient` is 1/e of what it was [s]. Default 0.5.
+    /// Of particles: after this time the difference of a particle's temperature from `ambient` is 1/e of what it was [s]. Default 0.5.
     #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
     pub cooling_time: f64,
-    /// Temperature that particles cool down to [K]. Default 300.
+    /// Of particles: temperature that they cool down to [K]. Default 300.
     #[schemars(range(min = 0.0, max = 20000.0))]
     pub ambient: f64,
     /// Of a file: factor that makes its numbers kelvin. Default 1.
