@@ -1,5 +1,7 @@
 //! Lights in pictures: what is known of them, and ways to find them against each other.
 
+#![allow(clippy::print_stdout, reason = "tests say what they measured")]
+
 mod support;
 
 use curlsmoke::geometry::embree::Ray;

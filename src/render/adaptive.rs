@@ -13,7 +13,7 @@ use glam::Vec3;
 use std::ops::Range;
 
 /// Keys of the two halves' random numbers.
-pub const HALVES: [u64; 2] = [0x68616c_6631, 0x68616c_6632];
+pub const HALVES: [u64; 2] = [0x0068_616c_6631, 0x0068_616c_6632];
 
 /// Paths of a half between two looks at its noise.
 const BATCH: u32 = 16;

@@ -90,13 +90,11 @@ impl<'a> Integrator<'a> {
             // What light from here on counts.
             let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
             let nearby = self.nearby(&ray, t_max, bounce);
-            if let Some((medium, nearby)) = &nearby {
-                if let Some((i, light)) = self.nearby_light(medium, nearby, &ray, bounce, sampler) {
-                    let passage = Passage::scattered(FirstEvent::Smoke, 1);
-                    let passage =
-                        if bounce == 0 { passage } else { Passage::scattered(contribution.first, bounce + 1) };
-                    contribution.add(carried * light, passage, self.world.groups[i]);
-                }
+            if let Some((medium, nearby)) = &nearby
+                && let Some((i, light)) = self.nearby_light(medium, nearby, &ray, bounce, sampler)
+            {
+                let first = if bounce == 0 { FirstEvent::Smoke } else { contribution.first };
+                contribution.add(carried * light, Passage::scattered(first, bounce + 1), self.world.groups[i]);
             }
             if let Some(medium) = self.medium.filter(|medium| medium.glows()) {
                 // No light of the direct connections either.
