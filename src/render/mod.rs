@@ -269,7 +269,7 @@ fn groups(settings: &settings::Settings) -> Vec<usize> {
     };
     let group = |light: &settings::Light| {
         let group = number(light).map_or(OTHER_GROUP, |i| OTHER_GROUP + 1 + i);
-        std::iter::repeat_n(group, if sun_of_sky(light).is_some() { 2 } else { 1 })
+        std::iter::repeat_n(group, if sky_with_sun(light).is_some() { 2 } else { 1 })
     };
     settings.lights.iter().flat_map(group).collect()
 }
@@ -487,7 +487,7 @@ pub fn build_lights(scene: &Scene, load: LoadPicture) -> Result<Vec<Light>, Rend
     for (light_idx, settings) in scene.settings.lights.iter().enumerate() {
         let built = light(scene, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?;
         lights.push(built);
-        lights.extend(sun_of_sky(settings));
+        lights.extend(sky_with_sun(settings).map(|(environment, sky)| sun_of(environment, sky)));
     }
     Ok(lights)
 }
@@ -675,10 +675,10 @@ fn atmosphere(sky: &settings::Sky) -> Atmosphere {
     Atmosphere::new(to_sun, sky.turbidity, vec3(sky.ground_albedo))
 }
 
-/// The sun that comes with a clear sky, if it does.
-fn sun_of_sky(light: &settings::Light) -> Option<Light> {
+/// The clear sky of a light that comes with its sun.
+fn sky_with_sun(light: &settings::Light) -> Option<(&settings::Environment, &settings::Sky)> {
     let settings::Light::Environment(environment) = light else { return None };
-    environment.sky.as_ref().filter(|sky| sky.sun).map(|sky| sun_of(environment, sky))
+    environment.sky.as_ref().filter(|sky| sky.sun).map(|sky| (environment, sky))
 }
 
 /// The sun of a clear sky, as much dimmed by the air.
