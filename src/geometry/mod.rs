@@ -10,6 +10,7 @@ pub mod primitive;
 pub mod sdf;
 pub mod smooth_union;
 pub mod spline;
+pub mod square;
 pub mod trace;
 pub mod trace_union;
 pub mod triangle;

@@ -8,6 +8,7 @@
 use crate::geometry::along::Along;
 use crate::geometry::primitive::{Primitive, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
+use crate::geometry::square::Square;
 use crate::geometry::trace_union::UnionLine;
 use crate::math::aabb::Aabb;
 use glam::{DVec3, Vec3};
@@ -29,23 +30,24 @@ pub struct Solid {
     bounds: Aabb,
     /// Half the width of the square of a half space that can be hit, in its own space [m].
     extent: f64,
+    square: Option<Square>,
 }
 
 impl Solid {
     /// `sdf` as a target of rays; of a half space, a square of half-width `extent` round its point [m, own space].
     /// `None` for distances that are not formulas.
     pub fn try_new(sdf: &PlacedSdf, extent: f64) -> Option<Self> {
-        let bounds = match sdf.sdf() {
+        let square = match sdf.sdf() {
             Sdf::Mesh(_) => return None,
-            Sdf::Primitive(Primitive::HalfSpace(plane)) => {
-                let (s, t) = plane.normal.any_orthonormal_pair();
-                let corners = [s + t, s - t, t - s, -s - t].map(|c| (plane.point + c * extent).as_vec3());
-                Aabb::from_points(corners.map(|c| sdf.placement().point_to_world(c).0))
-            }
-            _ => sdf.bounds()?,
+            Sdf::Primitive(Primitive::HalfSpace(plane)) => Some(Square::new(plane, extent, sdf.placement())),
+            _ => None,
+        };
+        let bounds = match &square {
+            Some(square) => Aabb::from_points(square.corners().map(DVec3::as_vec3)),
+            None => sdf.bounds()?,
         };
         let bounds = bounds.dilated(1e-5 * bounds.min.abs().max(bounds.max.abs()).max_element());
-        Some(Self { sdf: sdf.clone(), bounds, extent })
+        Some(Self { sdf: sdf.clone(), bounds, extent, square })
     }
 
     /// The same solid, placed elsewhere.
@@ -58,6 +60,11 @@ impl Solid {
         self.bounds
     }
 
+    /// The square that stands for a half space.
+    pub fn square(&self) -> Option<&Square> {
+        self.square.as_ref()
+    }
+
     /// Outward normal at a point of the surface, not quite of length 1.
     #[inline]
     pub fn normal_at(&self, p: DVec3) -> DVec3 {
@@ -68,6 +75,9 @@ impl Solid {
     /// `direction` has length 1.
     #[inline]
     pub fn crossing(&self, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) -> Option<f32> {
+        if let Some(square) = &self.square {
+            return square.crossing(origin, direction, t_min, t_max);
+        }
         let (origin_f64, direction_f64) = (origin.as_dvec3(), direction.as_dvec3());
         let primitive = match self.sdf.sdf() {
             Sdf::Primitive(primitive) => primitive,
@@ -79,17 +89,6 @@ impl Solid {
             Sdf::Mesh(_) => return None,
         };
         let line = Line { sdf: &self.sdf, primitive, origin: origin_f64, direction: direction_f64 };
-        if let Primitive::HalfSpace(plane) = primitive {
-            let (d, slope) = line.distance(f64::from(t_min));
-            let t = f64::from(t_min) - d / slope;
-            let from_point = self.sdf.placement().rotation.as_dquat().inverse()
-                * (line.origin + line.direction * t - self.sdf.placement().translation.as_dvec3())
-                / f64::from(self.sdf.placement().scale)
-                - plane.point;
-            let (u, v) = plane.normal.any_orthonormal_pair();
-            let is_within = from_point.dot(u).abs() <= self.extent && from_point.dot(v).abs() <= self.extent;
-            return in_range(t, t_min, t_max).filter(|_| is_within);
-        }
         let (t0, t1) = self.way_through(origin, direction, t_min, t_max)?;
         let is_inside = line.distance(t0).0 < 0.0;
         let bend = Bend::of(primitive, is_inside, f64::from(self.sdf.placement().scale));

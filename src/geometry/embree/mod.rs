@@ -11,11 +11,12 @@ mod sys;
 pub use sys::LoadError;
 
 use crate::geometry::mesh::Mesh;
+use crate::geometry::square::Square;
 use crate::geometry::trace::Solid;
 use crate::geometry::triangle::closest_point;
 use crate::math::aabb::Aabb;
 use crate::math::space::{UnitVec3, WorldPoint};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::ptr::{from_mut, null};
 use std::sync::Arc;
 use sys::{Functions, Handle, INVALID_ID};
@@ -193,6 +194,7 @@ impl Drop for Scene {
 pub struct SceneBuilder {
     /// Nothing to hit needs no library.
     scene: Option<Scene>,
+    squares: Vec<(u32, Square)>,
     bounds: Aabb,
 }
 
@@ -205,7 +207,7 @@ impl Default for SceneBuilder {
 impl SceneBuilder {
     /// An empty scene.
     pub fn new() -> Self {
-        Self { scene: None, bounds: Aabb::EMPTY }
+        Self { scene: None, squares: Vec::new(), bounds: Aabb::EMPTY }
     }
 
     /// Adds triangles that hits report as shape `shape_idx`.
@@ -249,6 +251,10 @@ impl SceneBuilder {
     /// Where the library is missing or out of memory.
     pub fn add_solid(&mut self, solid: Arc<Solid>, shape_idx: u32) -> Result<(), EmbreeError> {
         self.bounds = self.bounds.union(&solid.bounds());
+        if let Some(&square) = solid.square() {
+            self.squares.push((shape_idx, square));
+            return Ok(());
+        }
         let scene = self.scene()?;
         let f = scene.functions;
         // SAFETY: the callbacks fit the user pointer, and the scene keeps what it points to alive.
@@ -274,7 +280,7 @@ impl SceneBuilder {
             unsafe { (scene.functions.commit_scene)(scene.handle) };
             scene.device.check("building the tree")?;
         }
-        Ok(TraceScene { scene: self.scene, bounds: self.bounds })
+        Ok(TraceScene { scene: self.scene, squares: self.squares, bounds: self.bounds })
     }
 
     fn scene(&mut self) -> Result<&mut Scene, EmbreeError> {
@@ -310,6 +316,7 @@ impl Scene {
 /// A scene that rays can be sent through. Finds the same hits whatever thread asks.
 pub struct TraceScene {
     scene: Option<Scene>,
+    squares: Vec<(u32, Square)>,
     bounds: Aabb,
 }
 
@@ -324,6 +331,20 @@ impl TraceScene {
     /// A ray that leaves a surface starts at [`Hit::offset_origin`], with `t_min` 0.
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
+        let (mut t_nearest, mut square) = (t_max, None);
+        for candidate in &self.squares {
+            if let Some(t) = candidate.1.crossing(ray.origin.0, ray.direction.as_vec3(), t_min, t_nearest) {
+                (t_nearest, square) = (t, Some(candidate));
+            }
+        }
+        self.intersect_tree(ray, t_min, t_nearest).or_else(|| {
+            let (shape_idx, square) = square?;
+            Some(hit_on_solid(ray, t_nearest, *shape_idx, |_| square.normal()))
+        })
+    }
+
+    #[inline]
+    fn intersect_tree(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
         let scene = self.scene.as_ref()?;
         let mut ray_hit = ray_hit(ray, t_min, t_max);
         // SAFETY: the scene is committed, and the struct is as large as any version of the library writes.
@@ -334,13 +355,19 @@ impl TraceScene {
         let (shape_idx, part) = &scene.parts[ray_hit.hit.geom_id as usize];
         Some(match part {
             Part::Triangles(mesh) => triangle_hit(mesh, ray, &ray_hit, *shape_idx),
-            Part::Solid(solid) => solid_hit(solid, ray, &ray_hit, *shape_idx),
+            Part::Solid(solid) => hit_on_solid(ray, ray_hit.ray.tfar, *shape_idx, |position| {
+                UnitVec3::try_new(solid.normal_at(position).as_vec3()).unwrap_or(-ray.direction)
+            }),
         })
     }
 
     /// True where any surface lies between `t_min` and `t_max` [m] along the ray.
     #[inline]
     pub fn is_occluded(&self, ray: &Ray, t_min: f32, t_max: f32) -> bool {
+        let (origin, direction) = (ray.origin.0, ray.direction.as_vec3());
+        if self.squares.iter().any(|(_, square)| square.crossing(origin, direction, t_min, t_max).is_some()) {
+            return true;
+        }
         let Some(scene) = &self.scene else { return false };
         let mut ray = ray_hit(ray, t_min, t_max).ray;
         // SAFETY: the scene is committed.
@@ -414,10 +441,9 @@ fn triangle_hit(mesh: &Mesh, ray: &Ray, found: &sys::RtcRayHit, shape_idx: u32) 
 }
 
 #[inline]
-fn solid_hit(solid: &Solid, ray: &Ray, found: &sys::RtcRayHit, shape_idx: u32) -> Hit {
-    let t = found.ray.tfar;
+fn hit_on_solid(ray: &Ray, t: f32, shape_idx: u32, normal_at: impl FnOnce(DVec3) -> UnitVec3) -> Hit {
     let position = ray.origin.0.as_dvec3() + ray.direction.as_vec3().as_dvec3() * f64::from(t);
-    let normal = UnitVec3::try_new(solid.normal_at(position).as_vec3()).unwrap_or(-ray.direction);
+    let normal = normal_at(position);
     let position = position.as_vec3();
     let error = OFFSET_ROUNDINGS * f32::EPSILON * (position.abs().max_element() + t);
     Hit { t, position: WorldPoint(position), normal, shading_normal: normal, shape_idx, error }
