@@ -2,7 +2,7 @@
 
 use crate::grid::{DensityGrid, STORED_EDGE};
 use crate::math::space::{IndexPoint, UnitVec3, WorldPoint};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// A ray in the index space of a grid. The parameter `t` is that of the ray in world space [m].
 #[derive(Debug, Clone, Copy)]
@@ -58,13 +58,15 @@ impl DensityGrid {
         let Some(brick) = self.bricks.get(brick_idx as usize) else { return 0.0 };
         let (u, v, w) = (p.x - cell[0] as i32 as f32, p.y - cell[1] as i32 as f32, p.z - cell[2] as i32 as f32);
         let at = ((cell[2] & 7) * STORED_EDGE + (cell[1] & 7)) * STORED_EDGE + (cell[0] & 7);
-        let along_x = |o: usize| brick[at + o] + (brick[at + o + 1] - brick[at + o]) * u;
         const ROW: usize = STORED_EDGE;
         const LAYER: usize = STORED_EDGE * STORED_EDGE;
-        let (near, far) = (along_x(0), along_x(LAYER));
-        let near = near + (along_x(ROW) - near) * v;
-        let far = far + (along_x(LAYER + ROW) - far) * v;
-        near + (far - near) * w
+        // One check for all eight.
+        let Some(corners) = brick[at.min(brick.len())..].first_chunk::<{ LAYER + ROW + 2 }>() else { return 0.0 };
+        let face = |o: usize| Vec4::new(corners[o], corners[o + 1], corners[o + ROW], corners[o + ROW + 1]);
+        let (near, far) = (face(0), face(LAYER));
+        let rows = near + (far - near) * w;
+        let (low, high) = (rows.x + (rows.z - rows.x) * v, rows.y + (rows.w - rows.y) * v);
+        low + (high - low) * u
     }
 
     /// The trilinear density at a world point.

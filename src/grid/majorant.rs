@@ -157,25 +157,20 @@ fn sweep(cells: &mut [f32], dims: UVec3, is_forward: bool) {
 /// The segments of a ray on which there may be density, in increasing `t`. Between segments, before the first and after
 /// the last there is none.
 ///
-/// Positions are in cells. Along axes that the ray is parallel to, `step` is 0 and the exit infinite.
+/// Along axes that the ray is parallel to, no face is ever reached: `next` is infinite.
 #[derive(Debug, Clone)]
 pub struct MajorantIterator<'a> {
     cells: &'a [f32],
-    origin: Vec3A,
-    direction: Vec3A,
-    inverse: Vec3A,
-    /// Which way the ray steps along each axis: −1, 0 or 1.
-    step: Vec3A,
-    /// The ray leaves cell c along an axis at `t = (c + exit)·inverse`.
-    exit: Vec3A,
-    /// Corner of the current cell.
-    cell: Vec3A,
-    dims: Vec3A,
-    /// Place of the current cell in `cells`, and its change for a step along each set of axes.
-    offset: usize,
-    offset_steps: [isize; 8],
     t: f32,
     t_max: f32,
+    /// Ray parameters at which the ray leaves the current cell along each axis.
+    next: Vec3A,
+    /// Ray parameter from face to face along each axis, and faces in a metre.
+    between: Vec3A,
+    speed: Vec3A,
+    /// Place of the current cell in `cells`, and its change for a step along each set of axes.
+    offset: isize,
+    offset_steps: [isize; 8],
 }
 
 impl<'a> MajorantIterator<'a> {
@@ -184,100 +179,85 @@ impl<'a> MajorantIterator<'a> {
     pub fn new(grid: &'a MajorantGrid, origin: WorldPoint, direction: UnitVec3, t_min: f32, t_max: f32) -> Self {
         let origin = Vec3A::from((origin.0 - grid.index_origin) * grid.inverse_cell_size);
         let direction = Vec3A::from(direction.as_vec3() * grid.inverse_cell_size);
-        let dims = grid.cells.dims().as_vec3a();
-        let is_parallel = direction.abs().cmple(Vec3A::splat(PARALLEL));
-        let inverse = Vec3A::select(is_parallel, Vec3A::INFINITY, direction.recip());
-        let step = Vec3A::select(is_parallel, Vec3A::ZERO, direction.signum());
-        let exit = Vec3A::select(is_parallel, Vec3A::ONE, step.max(Vec3A::ZERO) - origin);
+        let dims = grid.cells.dims();
+        let size = dims.as_vec3a();
+        let speed = direction.abs();
+        let is_parallel = speed.cmple(Vec3A::splat(PARALLEL));
+        let is_forward = direction.cmpgt(Vec3A::ZERO);
+        let inverse = direction.recip();
         // Where the ray is within the slabs of the lattice; an axis it is parallel to only says yes or no.
-        let (a, b) = (-origin * inverse, (dims - origin) * inverse);
+        let (a, b) = (-origin * inverse, (size - origin) * inverse);
         let enter = Vec3A::select(is_parallel, Vec3A::NEG_INFINITY, a.min(b)).max_element();
         let leave = Vec3A::select(is_parallel, Vec3A::INFINITY, a.max(b)).min_element();
-        let is_between = (!is_parallel | (origin.cmpge(Vec3A::ZERO) & origin.cmplt(dims))).all();
-        let stride = [1, dims.x as isize, dims.x as isize * dims.y as isize];
-        let along = |axis: usize| step[axis] as isize * stride[axis];
-        let mut walk = Self {
-            cells: grid.cells.values(),
-            origin,
-            direction,
-            inverse,
-            step,
-            exit,
-            cell: Vec3A::ZERO,
-            dims,
-            offset: 0,
-            offset_steps: std::array::from_fn(|axes| (0..3).filter(|a| axes >> a & 1 != 0).map(along).sum()),
-            t: t_min.max(enter),
-            t_max: t_max.min(leave),
-        };
+        let is_between = (!is_parallel | (origin.cmpge(Vec3A::ZERO) & origin.cmplt(size))).all();
+        let (t, mut t_max) = (t_min.max(enter), t_max.min(leave));
         // False where anything was not a number.
         let is_sound = t_min < t_max && origin.is_finite() && direction.is_finite();
-        if is_sound && is_between && walk.t < walk.t_max {
-            let cell = (walk.origin + walk.direction * walk.t).floor();
-            walk.go_to(cell.clamp(Vec3A::ZERO, dims - 1.0));
+        let mut cell = Vec3A::ZERO;
+        if is_sound && is_between && t < t_max {
+            cell = (origin + direction * t).floor().clamp(Vec3A::ZERO, size - 1.0);
         } else {
-            walk.t_max = f32::NEG_INFINITY;
+            t_max = f32::NEG_INFINITY;
         }
-        walk
-    }
-
-    #[inline]
-    fn go_to(&mut self, cell: Vec3A) {
-        self.cell = cell;
-        let c = cell.as_uvec3();
-        self.offset = (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize + c.x as usize;
-    }
-
-    /// Ends the walk outside the lattice.
-    #[inline]
-    fn check_inside(&mut self) {
-        if !(self.cell.cmpge(Vec3A::ZERO) & self.cell.cmplt(self.dims)).all() {
-            self.t_max = f32::NEG_INFINITY;
+        let far_face = cell + Vec3A::select(is_forward, Vec3A::ONE, Vec3A::ZERO);
+        let next = Vec3A::select(is_parallel, Vec3A::INFINITY, (far_face - origin) * inverse);
+        let (nx, nxy) = (dims.x as isize, dims.x as isize * dims.y as isize);
+        let forward = is_forward.bitmask();
+        let sign = |axis: u32| (forward >> axis & 1) as isize * 2 - 1;
+        let (x, y, z) = (sign(0), sign(1) * nx, sign(2) * nxy);
+        let offset = cell.x as i32 as isize + cell.y as i32 as isize * nx + cell.z as i32 as isize * nxy;
+        Self {
+            cells: grid.cells.values(),
+            t,
+            t_max,
+            next,
+            between: Vec3A::select(is_parallel, Vec3A::ZERO, inverse.abs()),
+            speed,
+            offset,
+            offset_steps: [0, x, y, x + y, z, x + z, y + z, x + y + z],
         }
     }
 
-    /// Moves over the face at which the ray leaves the cell, or over several where it leaves through an edge. The exit is
-    /// computed anew from the cell each time, so that errors do not add up along the walk.
+    /// Moves over the face at which the ray leaves the cell, or over several where it leaves through an edge.
     #[inline]
     fn step(&mut self) {
-        let exits = (self.cell + self.exit) * self.inverse;
-        let t = exits.min_element();
-        let crossed = exits.cmple(Vec3A::splat(t));
-        self.t = self.t.max(t);
-        self.cell += Vec3A::select(crossed, self.step, Vec3A::ZERO);
-        self.offset = self.offset.wrapping_add_signed(self.offset_steps[crossed.bitmask() as usize & 7]);
-        self.check_inside();
+        let t = self.next.min_element();
+        let crossed = self.next.cmple(Vec3A::splat(t));
+        self.t = if t > self.t { t } else { self.t };
+        self.next += Vec3A::select(crossed, self.between, Vec3A::ZERO);
+        self.offset += self.offset_steps[crossed.bitmask() as usize & 7];
     }
 
     /// Moves to where the ray leaves the cube of empty cells nearer than `distance`.
     #[inline]
     fn jump(&mut self, distance: f32) {
-        let last = self.cell + self.step * (distance - 1.0);
-        let exits = (last + self.exit) * self.inverse;
+        let exits = self.next + self.between * (distance - 1.0);
         let t = exits.min_element();
-        let crossed = exits.cmple(Vec3A::splat(t));
-        self.t = self.t.max(t);
-        // The walk never turns back, so it ends whatever rounding does.
-        let reached = (self.origin + self.direction * self.t).floor().clamp(self.cell.min(last), self.cell.max(last));
-        self.cell = Vec3A::select(crossed, last + self.step, reached);
-        self.check_inside();
-        if self.t_max > f32::NEG_INFINITY {
-            self.go_to(self.cell);
-        }
+        self.t = if t > self.t { t } else { self.t };
+        // Faces crossed on the way. Rounding may count one too few, which the next step makes good, or one too many, which
+        // lies as near as rounding is.
+        let within = ((Vec3A::splat(t) - self.next) * self.speed).floor() + 1.0;
+        let is_passed = self.next.cmple(Vec3A::splat(t));
+        let faces = Vec3A::select(is_passed, within.min(Vec3A::splat(distance)), Vec3A::ZERO);
+        self.next += Vec3A::select(is_passed, self.between * faces, Vec3A::ZERO);
+        let faces = faces.as_ivec3();
+        let steps = &self.offset_steps;
+        self.offset += faces.x as isize * steps[1] + faces.y as isize * steps[2] + faces.z as isize * steps[4];
     }
 }
 
 impl Iterator for MajorantIterator<'_> {
     type Item = Segment;
 
-    #[inline]
+    // Inlined, its state stays in registers over the whole flight.
+    #[inline(always)]
     fn next(&mut self) -> Option<Segment> {
         while self.t < self.t_max {
-            let &bound = self.cells.get(self.offset)?;
+            let &bound = self.cells.get(self.offset as usize)?;
             if bound > 0.0 {
                 let (t0, t_max) = (self.t, self.t_max);
                 self.step();
-                let t1 = self.t.min(t_max);
+                let t1 = if self.t < t_max { self.t } else { t_max };
                 if t0 < t1 {
                     return Some(Segment { t0, t1, density_max: bound });
                 }

@@ -55,7 +55,7 @@ impl Medium {
 
     /// Upper bounds of the *density* on pieces of the ray between `0` and `t_max`; times
     /// [`Medium::extinction`] they bound `sigma_t`. Pieces without smoke are left out.
-    #[inline]
+    #[inline(always)]
     pub fn majorants(&self, ray: &Ray, t_max: f32) -> MajorantIterator<'_> {
         MajorantIterator::new(&self.majorants, ray.origin, ray.direction, 0.0, t_max)
     }

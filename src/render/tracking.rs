@@ -64,16 +64,16 @@ pub fn sample_collision(
             }
             continue;
         }
-        while let Some(share) = flight.next_candidate(&mut piece) {
-            let hero_share = chroma.as_ref().map_or(share, |chroma| share * chroma.hero_ratio());
-            if stream.uniform() < hero_share {
+        while let Some(sigma_t) = flight.next_candidate(&mut piece) {
+            let hero_ratio = chroma.as_ref().map_or(1.0, |chroma| chroma.hero_ratio());
+            if stream.uniform() * piece.sigma_maj < sigma_t * hero_ratio {
                 if let Some(chroma) = chroma {
                     chroma.collide();
                 }
-                return Event::Collision { t: piece.t as f32 };
+                return Event::Collision { t: piece.t };
             }
             if let Some(chroma) = chroma.as_deref_mut() {
-                chroma.pass(share);
+                chroma.pass(sigma_t / piece.sigma_maj);
             }
             flight.tau_left = optical_distance(stream.uniform());
         }
@@ -123,8 +123,8 @@ pub fn estimate_tinted_transmittance(
             }
             continue;
         }
-        while let Some(share) = flight.next_candidate(&mut piece) {
-            transmittance *= Vec3::ONE - share * ratios;
+        while let Some(sigma_t) = flight.next_candidate(&mut piece) {
+            transmittance *= Vec3::ONE - sigma_t / piece.sigma_maj * ratios;
             if !survives_in_color(&mut transmittance, stream) {
                 return Vec3::ZERO;
             }
@@ -163,8 +163,8 @@ pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &m
         }
         // Drawn only where there is smoke: an empty grid must leave the stream as it is.
         let flight = flight.get_or_insert_with(|| Flight { tau_left: optical_distance(stream.uniform()) });
-        while let Some(share) = flight.next_candidate(&mut piece) {
-            transmittance *= 1.0 - share;
+        while let Some(sigma_t) = flight.next_candidate(&mut piece) {
+            transmittance *= 1.0 - sigma_t / piece.sigma_maj;
             if !survives(&mut transmittance, stream) {
                 return 0.0;
             }
@@ -196,44 +196,49 @@ struct Piece<'a> {
     medium: &'a Medium,
     line: IndexRay,
     sigma_maj: f32,
-    // In f64: in very dense smoke a step is smaller than the last digit of an f32 distance.
-    t: f64,
-    end: f64,
+    t: f32,
+    end: f32,
 }
 
 impl<'a> Piece<'a> {
-    #[inline]
+    #[inline(always)]
     fn new(medium: &'a Medium, line: IndexRay, segment: &Segment) -> Self {
         let sigma_maj = segment.density_max * medium.extinction();
-        Self { medium, line, sigma_maj, t: f64::from(segment.t0), end: f64::from(segment.t1) }
+        Self { medium, line, sigma_maj, t: segment.t0, end: segment.t1 }
     }
 
-    #[inline]
+    /// Optical depth by the bound of what is left of it.
+    #[inline(always)]
+    fn tau_maj(&self) -> f32 {
+        (self.end - self.t) * self.sigma_maj
+    }
+
+    #[inline(always)]
     fn is_dense(&self) -> bool {
-        self.sigma_maj * (self.end - self.t) as f32 > DENSE
+        self.tau_maj() > DENSE
     }
 
     #[cold]
     fn cross(&self, tau_left: f64) -> Crossing {
-        dense::cross(self.medium, &self.line, [self.t, self.end], tau_left)
+        dense::cross(self.medium, &self.line, [self.t, self.end].map(f64::from), tau_left)
     }
 }
 
 impl Flight {
-    /// Flies to the next collision on the piece, real or fictitious, and returns the probability in [0, 1] that it is
-    /// real; `None` where the piece ends first.
-    #[inline]
+    /// Flies to the next collision on the piece, real or fictitious, and returns the extinction there [1/m], at most that
+    /// of the piece; `None` where the piece ends first.
+    // Inlined, as most pieces end first and should cost no more than this comparison.
+    #[inline(always)]
     fn next_candidate(&mut self, piece: &mut Piece) -> Option<f32> {
-        let next = piece.t + f64::from(self.tau_left / piece.sigma_maj);
-        if next >= piece.end || next.is_nan() {
-            // No number where the majorant is 0 and the distance too.
-            self.tau_left -= (piece.end - piece.t) as f32 * piece.sigma_maj;
+        let tau_maj = piece.tau_maj();
+        if self.tau_left >= tau_maj {
+            self.tau_left -= tau_maj;
             return None;
         }
-        piece.t = next;
-        let sigma_t = piece.medium.sigma_t(piece.line.at(next as f32));
+        piece.t += self.tau_left / piece.sigma_maj;
+        let sigma_t = piece.medium.sigma_t(piece.line.at(piece.t));
         debug_assert!(sigma_t <= piece.sigma_maj * 1.0001, "majorant {} below {sigma_t}", piece.sigma_maj);
-        Some((sigma_t / piece.sigma_maj).min(1.0))
+        Some(if sigma_t < piece.sigma_maj { sigma_t } else { piece.sigma_maj })
     }
 }
 
