@@ -5,12 +5,12 @@ use crate::progress::Progress;
 use crate::render::RenderError;
 use crate::render::adaptive::{Adaptive, HALVES};
 use crate::render::camera::Camera;
-use crate::render::film::{Film, PathCounts, Pixel, PixelBounds, PixelSum};
+use crate::render::film::{Contribution, Film, PathCounts, Pixel, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
 use crate::render::medium::Medium;
-use crate::render::sampler::{Dimension, Sampler};
+use crate::render::sampler::{Dimension, PixelSamples};
 use crate::render::world::World;
 use glam::Vec2;
 use rayon::prelude::*;
@@ -176,6 +176,8 @@ struct PixelPainter<'a> {
     /// Paths that `progress` was not told of yet.
     unsaid: u32,
     looked_at_bounce: u64,
+    /// The path at hand; kept, as it is large.
+    contribution: Contribution,
 }
 
 impl<'a> PixelPainter<'a> {
@@ -187,7 +189,8 @@ impl<'a> PixelPainter<'a> {
         counts: &'a mut PathCounts,
     ) -> Self {
         let looked_at_bounce = counts.bounces;
-        Self { x, y, view, integrator, progress, counts, unsaid: 0, looked_at_bounce }
+        let contribution = Contribution::new(view.layers.iter().any(Layer::tells_ways));
+        Self { x, y, view, integrator, progress, counts, unsaid: 0, looked_at_bounce, contribution }
     }
 
     fn paint(&mut self) -> Result<PixelSum, RenderError> {
@@ -221,18 +224,21 @@ impl<'a> PixelPainter<'a> {
 
     fn add(&mut self, sum: &mut PixelSum, seed: Seed, samples: Range<u32>) -> Result<(), RenderError> {
         let (x, y, view) = (self.x, self.y, self.view);
+        let pixel = PixelSamples::new(seed, view.spp, x, y);
         for sample in samples {
             if self.unsaid >= SAMPLES_A_LOOK || self.counts.bounces - self.looked_at_bounce >= BOUNCES_A_LOOK {
                 self.look()?;
             }
-            let mut sampler = Sampler::new(seed, x, y, sample);
+            let mut sampler = pixel.sampler(sample);
             let u = sampler.numbers(Dimension::Film, 0);
             let ray = view.camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
-            let contribution = self.integrator.trace(ray, &mut sampler, self.counts);
+            let contribution = &mut self.contribution;
+            contribution.clear();
+            self.integrator.trace_into(contribution, ray, &mut sampler, self.counts);
             if !contribution.radiance.is_finite() {
                 return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
             }
-            sum.add(&view.layers, &contribution);
+            sum.add(&view.layers, contribution);
             self.unsaid += 1;
         }
         Ok(())
