@@ -85,6 +85,7 @@ impl Camera {
 
     /// The ray through the film position `p` [pixels], (0, 0) being the top left corner of the picture, and the place on the
     /// lens that two uniform numbers choose: ½, ½ is its middle.
+    #[inline]
     pub fn ray(&self, p: Vec2, lens: [f32; 2]) -> Ray {
         let ray = match self.projection {
             Projection::Perspective { .. } => {

@@ -29,15 +29,12 @@ impl Caught {
     }
 
     /// Takes what the catcher reflects out of what the path brings.
-    pub fn out_of(self, path: Contribution) -> Contribution {
+    pub fn out_of(self, path: &mut Contribution) {
         let lit = (path.radiance - self.before.radiance).max(Vec3::ZERO);
-        Contribution {
-            radiance: self.before.radiance,
-            by_passage: self.before.by_passage,
-            by_group: self.before.by_group,
-            alpha: 0.0,
-            shadow: Some([luminance(lit), luminance(self.unshadowed)]),
-            ..path
-        }
+        path.radiance = self.before.radiance;
+        path.by_passage = self.before.by_passage;
+        path.by_group = self.before.by_group;
+        path.alpha = 0.0;
+        path.shadow = Some([luminance(lit), luminance(self.unshadowed)]);
     }
 }

@@ -78,10 +78,12 @@ impl LightChoice {
     }
 
     /// Probability of choosing light `i` at a lit point.
+    #[inline]
     pub fn pmf(&self, lights: &[Light], at: WorldPoint, i: usize) -> f32 {
         self.near.as_ref().map_or_else(|| self.fixed_pmf(i), |near| near.pmf(lights, at, i))
     }
 
+    #[inline]
     fn fixed_pmf(&self, i: usize) -> f32 {
         self.fixed[i] - if i == 0 { 0.0 } else { self.fixed[i - 1] }
     }
@@ -140,6 +142,7 @@ impl Near {
         Some((i, own / irradiance * share / total))
     }
 
+    #[inline]
     fn pmf(&self, lights: &[Light], at: WorldPoint, i: usize) -> f32 {
         let irradiance = self.irradiance(lights, at);
         let share = irradiance.sqrt();

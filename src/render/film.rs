@@ -53,7 +53,7 @@ pub struct Pixel {
 }
 
 /// What one path brings to its pixel.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct Contribution {
     /// Radiance [W/(m² sr)].
     pub radiance: Rgb,
@@ -69,6 +69,8 @@ pub struct Contribution {
     pub albedo: Rgb,
     /// Scatterings.
     pub bounces: u32,
+    /// Whether the ways of light are told apart: where no layer asks for them, `by_passage` and `by_group` stay black.
+    pub tells_ways: bool,
     /// Radiance by the way it came; adds to `radiance`.
     pub by_passage: [Rgb; Passage::ALL.len()],
     /// Radiance by groups of sources; adds to `radiance`.
@@ -78,13 +80,49 @@ pub struct Contribution {
     pub shadow: Option<[f32; 2]>,
 }
 
+impl Default for Contribution {
+    fn default() -> Self {
+        Self::new(true)
+    }
+}
+
 impl Contribution {
+    /// Nothing yet; whether the ways of light will be told apart.
+    pub fn new(tells_ways: bool) -> Self {
+        Self {
+            radiance: Rgb::ZERO,
+            alpha: 0.0,
+            first: FirstEvent::None,
+            shape_idx: None,
+            normal: Vec3::ZERO,
+            albedo: Rgb::ZERO,
+            bounces: 0,
+            tells_ways,
+            by_passage: [Rgb::ZERO; Passage::ALL.len()],
+            by_group: [Rgb::ZERO; GROUP_MAX],
+            shadow: None,
+        }
+    }
+
+    /// Forgets a path. Most of the size are the ways of light, which most pictures do not ask for.
+    #[inline]
+    pub fn clear(&mut self) {
+        if self.tells_ways {
+            *self = Self::new(true);
+            return;
+        }
+        (self.radiance, self.alpha, self.first, self.shape_idx) = (Rgb::ZERO, 0.0, FirstEvent::None, None);
+        (self.normal, self.albedo, self.bounces, self.shadow) = (Vec3::ZERO, Rgb::ZERO, 0, None);
+    }
+
     /// Adds light of a group of sources that came to the camera by `passage`.
     #[inline]
     pub fn add(&mut self, light: Rgb, passage: Passage, group: usize) {
         self.radiance += light;
-        self.by_passage[passage as usize] += light;
-        self.by_group[group] += light;
+        if self.tells_ways {
+            self.by_passage[passage as usize] += light;
+            self.by_group[group] += light;
+        }
     }
 
     /// Adds light that was scattered so many times.
@@ -107,16 +145,18 @@ impl Moments {
         self.count += 1;
         let x = radiance.as_dvec3();
         let delta = x - self.mean;
-        self.mean += delta / f64::from(self.count);
+        self.mean += delta * (1.0 / f64::from(self.count));
         self.squares += delta * (x - self.mean);
     }
 
     /// Paths.
+    #[inline]
     pub fn count(&self) -> u32 {
         self.count
     }
 
     /// Mean radiance.
+    #[inline]
     pub fn mean(&self) -> Rgb {
         self.mean.as_vec3()
     }

@@ -59,6 +59,7 @@ impl Filter {
     }
 
     /// Offset from the middle of the pixel [pixels], from two uniform numbers.
+    #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         match self {
             Filter::Box { radius } => Vec2::from(u.map(|u| (2.0 * u - 1.0) * radius)),

@@ -51,19 +51,34 @@ pub struct Integrator<'a> {
 impl<'a> Integrator<'a> {
     /// Traces one path backwards from the camera along `ray`.
     pub fn trace(&self, ray: Ray, sampler: &mut Sampler, counts: &mut PathCounts) -> Contribution {
+        let mut contribution = Contribution::default();
+        self.trace_into(&mut contribution, ray, sampler, counts);
+        contribution
+    }
+
+    /// As [`Integrator::trace`], into a contribution that is clear.
+    pub fn trace_into(
+        &self,
+        contribution: &mut Contribution,
+        ray: Ray,
+        sampler: &mut Sampler,
+        counts: &mut PathCounts,
+    ) {
         let mut catcher = None;
-        let contribution = self.trace_path(ray, sampler, counts, &mut catcher);
-        catcher.map_or(contribution, |caught: Caught| caught.out_of(contribution))
+        self.trace_path(contribution, ray, sampler, counts, &mut catcher);
+        if let Some(caught) = catcher {
+            caught.out_of(contribution);
+        }
     }
 
     fn trace_path(
         &self,
+        contribution: &mut Contribution,
         mut ray: Ray,
         sampler: &mut Sampler,
         counts: &mut PathCounts,
         catcher: &mut Option<Caught>,
-    ) -> Contribution {
-        let mut contribution = Contribution::default();
+    ) {
         let mut throughput = Vec3::ONE;
         // Square of the index of refraction where the path is.
         let mut eta_sq = 1.0;
@@ -108,16 +123,16 @@ impl<'a> Integrator<'a> {
                         let light = carried * met.radiance * met_weight(direction_pdf, light_pdf);
                         contribution.add_scattered(light, bounce, self.world.groups[met.light_idx]);
                         contribution.alpha = 1.0;
-                        return contribution;
+                        return;
                     }
                     (None, Some(hit)) => {
                         let material = &self.world.materials[hit.shape_idx as usize];
                         let is_front = hit.normal.dot(*ray.direction) < 0.0;
                         let point = material.seen(hit.position, hit.shading_normal, is_front);
                         match material.sight {
-                            Sight::Hole if bounce == 0 => return contribution,
+                            Sight::Hole if bounce == 0 => return,
                             Sight::Shadow if bounce == 0 => {
-                                *catcher = Some(Caught::new(contribution, carried * point.emitted));
+                                *catcher = Some(Caught::new(*contribution, carried * point.emitted));
                             }
                             _ => {}
                         }
@@ -132,29 +147,29 @@ impl<'a> Integrator<'a> {
                         surface_vertex(hit, ray.direction, &point)
                     }
                     (None, None) => {
-                        self.add_background(&ray, carried, direction_pdf, &asked, bounce, &mut contribution);
-                        return contribution;
+                        self.add_background(&ray, carried, direction_pdf, &asked, bounce, contribution);
+                        return;
                     }
                 },
             };
             if bounce == 0 {
-                vertex.describe(&mut contribution);
+                vertex.describe(contribution);
             }
             contribution.alpha = 1.0;
             if bounce >= self.limits.max_bounces {
                 counts.truncated += 1;
                 counts.truncated_throughput += f64::from(carried.max_element());
-                return contribution;
+                return;
             }
             counts.bounces += 1;
             contribution.bounces += 1;
             asked = Asked::at(&vertex, nearby, &ray, end);
-            self.add_direct_light(&vertex, carried, &asked, bounce, sampler, &mut contribution);
+            self.add_direct_light(&vertex, carried, &asked, bounce, sampler, contribution);
             if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
                 caught.add_unshadowed(carried * self.direct_light_unshadowed(&vertex, &asked, bounce, sampler));
             }
             let u = sampler.numbers(Dimension::Direction, bounce);
-            let Some(scattering) = vertex.sample([u[0], u[1], u[2]]) else { return contribution };
+            let Some(scattering) = vertex.sample([u[0], u[1], u[2]]) else { return };
             throughput *= scattering.weight;
             eta_sq *= scattering.eta_sq;
             let next = Ray { origin: vertex.leave(scattering.direction), direction: scattering.direction };
@@ -167,13 +182,13 @@ impl<'a> Integrator<'a> {
                 let survival = (carried * scattering.weight).max_element() * eta_sq;
                 if survival < 1.0 {
                     if numbers[1] >= survival {
-                        return contribution;
+                        return;
                     }
                     throughput /= survival;
                 }
             }
             if throughput == Vec3::ZERO {
-                return contribution;
+                return;
             }
             direction_pdf = scattering.pdf;
             ray = next;
@@ -278,6 +293,9 @@ impl<'a> Integrator<'a> {
 
     /// The lamps near a flight, and the smoke that they light.
     fn nearby(&self, ray: &Ray, t_max: f32, bounce: u32) -> Option<(&'a Medium, Nearby<'a>)> {
+        if self.world.lamps().is_empty() {
+            return None;
+        }
         // Of smoke with a tint, each channel has another density of free flight.
         let medium = self.medium.filter(|medium| bounce < self.limits.max_bounces && medium.tint.is_none())?;
         Some((medium, Nearby::find(&self.world.lights, self.world.lamps(), medium, ray, t_max, bounce)?))

@@ -110,7 +110,13 @@ impl Layer {
         matches!(self, Self::Depth | Self::Position | Self::ShapeId | Self::Transmittance | Self::VolumeDepth)
     }
 
+    /// Whether it needs the ways of light told apart.
+    pub fn tells_ways(&self) -> bool {
+        matches!(self, Self::Light(_) | Self::LightGroup(..))
+    }
+
     /// What one path brings to it, for layers that are means over paths.
+    #[inline]
     pub fn of_path(&self, path: &Contribution) -> Vec3 {
         match self {
             Self::Normal => path.normal,

@@ -99,6 +99,7 @@ impl Light {
     }
 
     /// Whether camera rays see it, where rays meet it at all.
+    #[inline]
     pub fn is_visible(&self) -> bool {
         match self {
             Light::Sun(sun) => sun.is_visible,
@@ -111,6 +112,7 @@ impl Light {
 
     /// Radiance [W/(m² sr)] of a light infinitely far that a ray out of the scene meets; `is_camera` for rays that the
     /// camera sends, which may be told not to see it.
+    #[inline]
     pub fn beyond(&self, ray: &Ray, is_camera: bool) -> Option<Rgb> {
         match self {
             _ if is_camera && !self.is_visible() => None,
@@ -121,6 +123,7 @@ impl Light {
     }
 
     /// Density [1/sr] with which [`Light::sample`] returns a direction in which a light infinitely far is met.
+    #[inline]
     pub fn pdf_beyond(&self, direction: UnitVec3) -> f32 {
         match self {
             Light::Environment(sky) => sky.pdf(direction),

@@ -62,6 +62,7 @@ impl Passage {
     }
 
     /// The way of light that was scattered so many times, `first` being what the camera's ray met.
+    #[inline]
     pub fn scattered(first: FirstEvent, scatterings: u32) -> Self {
         match (scatterings, first) {
             (0, _) | (_, FirstEvent::None) => Self::Emission,

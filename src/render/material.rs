@@ -75,6 +75,7 @@ pub enum MaterialKind {
 
 impl Material {
     /// The material at a point of the surface with its outward normal, seen `from_outside` or from inside.
+    #[inline]
     pub fn seen(&self, point: WorldPoint, normal: UnitVec3, from_outside: bool) -> SurfacePoint<'_> {
         if from_outside {
             return self.at(point, normal);
@@ -93,6 +94,9 @@ impl Material {
     ///
     /// What flows brings its own normal along: textures are those of the place that it came from.
     pub fn at(&self, point: WorldPoint, normal: UnitVec3) -> SurfacePoint<'_> {
+        if let (Texture::Constant(color), None) = (&self.color, &self.emission) {
+            return SurfacePoint { bsdf: self.kind.with_color(*color), emitted: Vec3::ZERO };
+        }
         let is_patterned = !self.color.is_constant() || self.emission.as_ref().is_some_and(|e| !e.is_constant());
         let mut p = self.moved.point_to_local(point).to_array().map(f64::from);
         let flow = self.flow.as_ref().filter(|_| is_patterned);
@@ -112,6 +116,7 @@ impl Material {
 
 impl MaterialKind {
     /// How a point scatters light where the colour is `color`, seen from outside.
+    #[inline]
     fn with_color(&self, color: Rgb) -> Bsdf<'_> {
         match self {
             Self::Diffuse => Bsdf::Diffuse { reflectance: color },

@@ -70,11 +70,13 @@ impl Sun {
     }
 
     /// Density [1/sr] with which [`Sun::sample`] returns a direction on the disk; 0 where there is no disk.
+    #[inline]
     pub fn pdf(&self) -> f32 {
         self.disk.as_ref().map_or(0.0, |disk| 1.0 / (TAU * disk.one_minus_cosine))
     }
 
     /// Radiance [W/(m² sr)] that comes from `direction`; `None` beside the disk, and where there is none.
+    #[inline]
     pub fn met(&self, direction: UnitVec3) -> Option<Rgb> {
         let disk = self.disk.as_ref()?;
         let one_minus_cosine = 0.5 * (*direction - *self.towards).length_squared();

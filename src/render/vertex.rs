@@ -49,6 +49,7 @@ pub struct Scattering {
 
 impl Vertex<'_> {
     /// Where.
+    #[inline]
     pub fn point(&self) -> WorldPoint {
         match self {
             Vertex::Smoke { point, .. } => *point,
@@ -57,6 +58,7 @@ impl Vertex<'_> {
     }
 
     /// Where a ray starts that leaves along `direction`.
+    #[inline]
     pub fn leave(&self, direction: UnitVec3) -> WorldPoint {
         match self {
             Vertex::Smoke { point, .. } => *point,
@@ -65,6 +67,7 @@ impl Vertex<'_> {
     }
 
     /// Scattering towards `direction`: albedo times phase function [1/sr], or scattering function times cosine.
+    #[inline]
     pub fn value(&self, direction: UnitVec3) -> Rgb {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.albedo * medium.phase.value(*before, direction),
@@ -79,6 +82,7 @@ impl Vertex<'_> {
     }
 
     /// Density [1/sr] with which [`Vertex::sample`] returns `direction`.
+    #[inline]
     pub fn pdf(&self, direction: UnitVec3) -> f32 {
         match self {
             Vertex::Smoke { medium, before, .. } => medium.phase.value(*before, direction),
@@ -87,6 +91,7 @@ impl Vertex<'_> {
     }
 
     /// A direction to go on along, from three uniform numbers; `None` where the light is absorbed.
+    #[inline]
     pub fn sample(&self, u: [f32; 3]) -> Option<Scattering> {
         match self {
             Vertex::Smoke { medium, before, .. } => {
@@ -107,6 +112,7 @@ impl Vertex<'_> {
     }
 
     /// Notes the first event for the further layers.
+    #[inline]
     pub fn describe(&self, out: &mut Contribution) {
         match self {
             Vertex::Smoke { medium, .. } => {

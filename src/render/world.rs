@@ -63,11 +63,13 @@ impl World {
     }
 
     /// The nearest surface that a ray of the camera meets.
+    #[inline]
     pub fn seen_by_camera(&self, ray: &Ray) -> Option<Hit> {
         self.first_hit(ray, f32::INFINITY, |material| material.sight != Sight::Through)
     }
 
     /// The nearest surface before `t_max` of a material that `stops` the ray; others are as if they were not there.
+    #[inline]
     fn first_hit(&self, ray: &Ray, t_max: f32, stops: impl Fn(&Material) -> bool) -> Option<Hit> {
         let (mut start, mut passed) = (*ray, 0.0);
         for _ in 0..SURFACES_PASSED_MAX {
@@ -88,16 +90,19 @@ impl World {
     }
 
     /// The light chosen at a lit point by the uniform number `u`, and the probability of that.
+    #[inline]
     pub fn choose_light(&self, at: WorldPoint, u: f32) -> Option<(usize, f32)> {
         self.choice.choose(&self.lights, at, u)
     }
 
     /// Probability of choosing light `i` at a lit point.
+    #[inline]
     pub fn pmf(&self, at: WorldPoint, i: usize) -> f32 {
         self.choice.pmf(&self.lights, at, i)
     }
 
     /// Lights that have a place, by index.
+    #[inline]
     pub fn lamps(&self) -> &[u32] {
         &self.lamps
     }
@@ -108,6 +113,7 @@ impl World {
     }
 
     /// The nearest light that the ray meets before `t_max`, but for surfaces; `is_camera` for rays that the camera sends.
+    #[inline]
     pub fn nearest_light(&self, ray: &Ray, t_max: f32, is_camera: bool) -> Option<MetLight> {
         let hits = self.met.iter().filter_map(|&i| {
             let light = &self.lights[i as usize];
@@ -126,11 +132,13 @@ impl World {
     }
 
     /// Whether a surface or a light other than number `target` is in the way.
+    #[inline]
     pub fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
         self.surfaces.is_occluded(ray, 0.0, t_max) || self.is_behind_light(ray, t_max, target)
     }
 
     /// Whether a light other than number `target` is in the way.
+    #[inline]
     pub fn is_behind_light(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
         let is_before =
             |&i: &u32| i as usize != target && self.lights[i as usize].intersect(ray).is_some_and(|h| h.t < t_max);
