@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery flow-pictures paper-tables verification refs bench
+.PHONY: plume test gallery flow-pictures paper-tables verification refs bench peers
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -67,3 +67,9 @@ refs:
 bench:
 	./bootstrap.sh
 	cargo bench
+
+# Light beside other renderers, with the table and the plot of docs/performance.md: half an hour of all processors, kept idle else.
+peers:
+	./bootstrap.sh
+	cargo build --release --bin curlsmoke
+	python3 benches/peers.py --record

@@ -1,6 +1,7 @@
 //! Light through smoke.
 //!
-//! This file turns settings into camera, lights and media; `integrator.rs` traces paths, `tiles.rs` takes pictures.
+//! This file and `from_scene/` turn settings into camera, lights, materials and media; `integrator.rs` traces paths,
+//! `tiles.rs` takes pictures.
 
 pub mod adaptive;
 pub mod atmosphere;
@@ -18,6 +19,7 @@ pub mod environment;
 pub mod equiangular;
 pub mod film;
 pub mod filter;
+pub mod from_scene;
 pub mod glow;
 pub mod image_texture;
 pub mod integrator;
@@ -40,50 +42,31 @@ pub mod tracking;
 pub mod vertex;
 pub mod world;
 
-use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
-use crate::flow::surface::{CacheSettings, SurfaceFlow, SurfaceFlowSettings};
-use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
-use crate::geometry::primitive::Primitive;
-use crate::geometry::sdf::{PlacedSdf, Sdf};
-use crate::geometry::{Geometry, Shape};
+pub use crate::render::from_scene::lights::build_lights;
+pub use crate::render::from_scene::materials::build_materials;
+pub use crate::render::from_scene::textures::TextureStore;
+
+use crate::geometry::Geometry;
 use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
-use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::adaptive::Adaptive;
-use crate::render::atmosphere::{Atmosphere, SUN_DIAMETER_DEG, direction_to_sun};
-use crate::render::ball::Ball;
-use crate::render::bsdf::conductor::{Metal, MetalColor};
-use crate::render::bsdf::dielectric::Glass;
-use crate::render::bsdf::metals::{self, Index};
-use crate::render::bsdf::plastic::Plastic;
-use crate::render::bsdf::principled::{Principled, PrincipledSettings};
 use crate::render::camera::{Camera, Lens};
-use crate::render::environment::Environment;
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
-use crate::render::image_texture::{ImageTexture, LatLong, Planar, Projection, Triplanar};
+use crate::render::from_scene::lights::{glowing_shape, groups};
+use crate::render::from_scene::{vec3, world_point};
 use crate::render::integrator::PathLimits;
 use crate::render::layers::{Layer, group_layers};
-use crate::render::light::Light;
-use crate::render::light_path::{EMISSION_GROUP, OTHER_GROUP, Passage};
-use crate::render::material::{Material, MaterialKind, Sight};
+use crate::render::light_path::{EMISSION_GROUP, Passage};
+use crate::render::material::Material;
 use crate::render::medium::Medium;
-use crate::render::panel::{Outline, Panel};
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
-use crate::render::spot::Spot;
-use crate::render::sun::Sun;
-use crate::render::surface_keys::{FlowState, state_at};
-use crate::render::surface_light::SurfaceLight;
-use crate::render::texture::{FlowNoise, Ramp, Texture};
 use crate::render::tiles::View;
 use crate::render::world::World;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
-use glam::{DQuat, DVec3, Vec3};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Duration;
 
 /// What can stop a picture.
@@ -177,64 +160,6 @@ pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<Picture, Box<dyn std::err
 /// from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
 
-/// Width and height of the picture of a clear sky: haze about the sun and the rim of the earth take the most.
-const SKY_SIZE: [usize; 2] = [512, 256];
-
-/// What the textures of a scene keep from frame to frame.
-#[derive(Debug)]
-pub struct TextureStore {
-    /// Pictures by the names of their files.
-    pictures: BTreeMap<String, Arc<Picture>>,
-    /// Of each shape, the flow along its surface as it was last.
-    flows: Vec<Option<Arc<SurfaceFlow>>>,
-}
-
-impl TextureStore {
-    /// Reads the pictures of all textures, each once.
-    ///
-    /// # Errors
-    /// [`RenderError::Texture`] for the first that cannot be used: missing, faulty, no light, or as a reflectance above 1.
-    pub fn load(scene: &Scene, load: LoadPicture) -> Result<Self, RenderError> {
-        let mut store = Self { pictures: BTreeMap::new(), flows: vec![None; scene.settings.shapes.len()] };
-        let limit = (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64;
-        for (name, shape) in &scene.settings.shapes {
-            for (slot, texture) in shape.material.textures() {
-                let settings::Texture::Image(image) = texture else { continue };
-                let key = format!("shapes.{name}.material.{slot}.image.file");
-                let is_reflectance = !slot.ends_with(".emission");
-                store
-                    .picture(scene, image, is_reflectance, load, limit)
-                    .map_err(|e| RenderError::Texture { key, source: Box::new(e) })?;
-            }
-        }
-        Ok(store)
-    }
-
-    fn picture(
-        &mut self,
-        scene: &Scene,
-        image: &settings::ImageTexture,
-        is_reflectance: bool,
-        load: LoadPicture,
-        limit: u64,
-    ) -> Result<(), RenderError> {
-        let path = scene.resolve(&image.file);
-        let no_light = |problem| RenderError::NoLight { path: path.clone(), problem };
-        if !self.pictures.contains_key(&image.file) {
-            let picture = load(&path).map_err(RenderError::Picture)?;
-            picture.check(if is_reflectance { "a reflectance" } else { "radiance" }).map_err(no_light)?;
-            self.pictures.insert(image.file.clone(), Arc::new(picture));
-            let needed = self.pictures.values().map(|p| size_of_val(p.pixels.as_slice()) as u64).sum();
-            if needed > limit {
-                return Err(RenderError::TexturesTooLarge { needed, limit });
-            }
-        }
-        let (picture, scale) = (&self.pictures[&image.file], image.scale as f32);
-        if is_reflectance { picture.check_reflects(scale) } else { picture.check_glows(scale, SIGMA_MAX as f32) }
-            .map_err(no_light)
-    }
-}
-
 /// Surfaces, materials and lights of a scene: all but the smoke.
 ///
 /// # Errors
@@ -258,238 +183,6 @@ pub fn build_world(
     world.groups.fill(EMISSION_GROUP);
     world.groups[..groups.len()].copy_from_slice(&groups);
     Ok(world)
-}
-
-/// The number of the group of each light of [`build_lights`], as [`group_layers`] counts them.
-fn groups(settings: &settings::Settings) -> Vec<usize> {
-    let names = settings.light_groups();
-    let number = |light: &settings::Light| {
-        let name = light.group()?;
-        names.iter().position(|known| known == name)
-    };
-    let group = |light: &settings::Light| {
-        let group = number(light).map_or(OTHER_GROUP, |i| OTHER_GROUP + 1 + i);
-        std::iter::repeat_n(group, if sky_with_sun(light).is_some() { 2 } else { 1 })
-    };
-    settings.lights.iter().flat_map(group).collect()
-}
-
-/// A shape as a light, where it gives off the same everywhere and is made of triangles, a ball or a box with sharp edges.
-fn glowing_shape(shape_idx: u32, shape: &Shape, material: &Material) -> Option<Light> {
-    let Some(Texture::Constant(radiance)) = material.emission else { return None };
-    if material.is_one_sided {
-        return None;
-    }
-    if let Some(mesh) = &shape.mesh {
-        let corners = (0..mesh.triangles().len()).map(|i| mesh.corners(i));
-        return SurfaceLight::triangles(shape_idx, corners, radiance).map(Light::Surface);
-    }
-    let sdf = shape.sdf.as_ref()?;
-    let at = sdf.placement();
-    let Sdf::Primitive(primitive) = sdf.sdf() else { return None };
-    let surface = match primitive {
-        Primitive::Sphere(ball) => {
-            let center = at.point_to_world(ball.center.as_vec3());
-            Some(SurfaceLight::ball(shape_idx, center, ball.radius as f32 * at.scale, radiance))
-        }
-        Primitive::Cuboid(cuboid) if cuboid.rounding == 0.0 => {
-            let corners = cuboid.triangles().map(|corners| corners.map(|p| at.point_to_world(p.as_vec3()).0));
-            SurfaceLight::triangles(shape_idx, corners.into_iter(), radiance)
-        }
-        _ => None,
-    };
-    surface.map(Light::Surface)
-}
-
-/// The material of each shape, with textures as they are at a time [s]; `geometry` is where shapes are at that time.
-pub fn build_materials(scene: &Scene, geometry: &Geometry, store: &mut TextureStore, time: f64) -> Vec<Material> {
-    let shapes = scene.settings.shapes.values().zip(&geometry.shapes);
-    // A quarter of all memory for all of them.
-    let flows = scene.settings.shapes.values().filter(|shape| shape.surface_flow.is_some()).count().max(1);
-    let cache_bytes = (scene.settings.render.memory_limit_gib * f64::from(1 << 28)) as u64 / flows as u64;
-    let TextureStore { pictures, flows } = store;
-    shapes
-        .zip(flows)
-        .map(|((shape, placed), last)| {
-            let color = texture(shape.material.color(), pictures, time);
-            let emission = shape.material.emission();
-            let emission = (!emission.is_black()).then(|| texture(emission, pictures, time));
-            let flow = shape.surface_flow.as_ref().zip(placed.resting.as_ref());
-            let flow = flow.map(|(flow, solid)| surface_flow(flow, solid, time, cache_bytes, last));
-            Material {
-                kind: material_kind(&shape.material),
-                color,
-                emission,
-                moved: placed.moved,
-                flow,
-                is_one_sided: !shape.two_sided,
-                sight: sight(shape),
-            }
-        })
-        .collect()
-}
-
-fn sight(shape: &settings::Shape) -> Sight {
-    match (shape.invisible_to_camera, shape.holdout, shape.shadow_catcher) {
-        (true, ..) => Sight::Through,
-        (_, true, _) => Sight::Hole,
-        (.., true) => Sight::Shadow,
-        _ => Sight::Whole,
-    }
-}
-
-fn material_kind(material: &settings::Material) -> MaterialKind {
-    match material {
-        settings::Material::Diffuse(_) => MaterialKind::Diffuse,
-        settings::Material::Conductor(c) => {
-            let Index { eta, k } = match (c.metal, c.eta, c.k) {
-                (None, Some(eta), Some(k)) => Index { eta: vec3(eta), k: vec3(k) },
-                (metal, ..) => metal_index(metal.expect("validation refuses conductors without an index")),
-            };
-            MaterialKind::Conductor {
-                metal: Box::new(Metal::new(c.roughness as f32)),
-                color: MetalColor::measured(eta, k),
-            }
-        }
-        settings::Material::Dielectric(d) => {
-            MaterialKind::Dielectric(Box::new(Glass::new(d.ior as f32, d.roughness as f32)))
-        }
-        settings::Material::Plastic(p) => {
-            MaterialKind::Plastic(Box::new(Plastic::new(p.ior as f32, p.roughness as f32)))
-        }
-        settings::Material::Principled(p) => MaterialKind::Principled(Box::new(Principled::new(&PrincipledSettings {
-            metallic: p.metallic as f32,
-            roughness: p.roughness as f32,
-            ior: p.ior as f32,
-            transmission: p.transmission as f32,
-            coat: p.coat as f32,
-            coat_roughness: p.coat_roughness as f32,
-        }))),
-    }
-}
-
-fn metal_index(metal: settings::Metal) -> Index {
-    match metal {
-        settings::Metal::Aluminium => metals::ALUMINIUM,
-        settings::Metal::Chromium => metals::CHROMIUM,
-        settings::Metal::Copper => metals::COPPER,
-        settings::Metal::Gold => metals::GOLD,
-        settings::Metal::Iron => metals::IRON,
-        settings::Metal::Silver => metals::SILVER,
-        settings::Metal::Titanium => metals::TITANIUM,
-    }
-}
-
-/// The flow along a surface at a time [s]: the last one, if it is the same, with all that was followed of it.
-fn surface_flow(
-    flow: &settings::SurfaceFlow,
-    solid: &Arc<PlacedSdf>,
-    time: f64,
-    cache_bytes: u64,
-    last: &mut Option<Arc<SurfaceFlow>>,
-) -> Arc<SurfaceFlow> {
-    let settings = surface_flow_settings(flow, time, cache_bytes);
-    match last {
-        Some(last) if last.is_of(solid, &settings) => last.clone(),
-        _ => last.insert(Arc::new(SurfaceFlow::new(solid.clone(), settings))).clone(),
-    }
-}
-
-fn surface_flow_settings(flow: &settings::SurfaceFlow, time: f64, cache_bytes: u64) -> SurfaceFlowSettings {
-    let keys = flow.keys.iter().map(|key| {
-        let steps = key.steps.or(flow.steps).map(f64::from);
-        let length = key.length_scale.unwrap_or(flow.length_scale);
-        (key.time, FlowState { distance: key.distance, length, steps })
-    });
-    let is_smooth = flow.interpolation == settings::Interpolation::Smooth;
-    let own = FlowState {
-        distance: flow.distance + flow.speed * time,
-        length: flow.length_scale,
-        steps: flow.steps.map(f64::from),
-    };
-    let FlowState { distance, length, steps } = state_at(&keys.collect::<Vec<_>>(), time, is_smooth).unwrap_or(own);
-    // So many to a swirl.
-    let own_steps = (16.0 * distance.abs() / length).ceil().clamp(16.0, 4096.0) as u32;
-    let trace = Trace {
-        steps: steps.map_or(own_steps, |steps| steps.round() as u32),
-        integrator: match flow.integrator {
-            settings::SurfaceIntegrator::Euler => Integrator::Euler,
-            settings::SurfaceIntegrator::Rk4 => Integrator::RungeKutta,
-        },
-        reprojection: Reprojection::Newton(Repetition { steps: flow.reprojections, tolerance: 0.0 }),
-    };
-    let spacing = flow.cache_spacing.unwrap_or(length / 160.0);
-    let cache = (spacing > 0.0).then_some(CacheSettings { spacing, bytes: cache_bytes });
-    SurfaceFlowSettings { length, distance, trace, seed: Seed(flow.seed), cache }
-}
-
-fn texture(texture: &settings::Texture, pictures: &BTreeMap<String, Arc<Picture>>, time: f64) -> Texture {
-    match texture {
-        settings::Texture::Constant(color) => Texture::Constant(vec3(*color)),
-        settings::Texture::FlowNoise(noise) => flow_noise(noise, time),
-        settings::Texture::Stripes(s) => Texture::Stripes { along: s.along, colors: s.colors.map(vec3) },
-        settings::Texture::Checker(c) => Texture::Checker { size: c.size, colors: c.colors.map(vec3) },
-        settings::Texture::Rings(r) => Texture::Rings { center: r.center, width: r.width, colors: r.colors.map(vec3) },
-        settings::Texture::Image(image) => Texture::Image(ImageTexture {
-            picture: pictures[&image.file].clone(),
-            projection: projection(&image.projection),
-            scale: image.scale as f32,
-        }),
-    }
-}
-
-fn projection(projection: &settings::Projection) -> Projection {
-    let vector = DVec3::from_array;
-    match projection {
-        settings::Projection::LatLong(globe) => {
-            Projection::LatLong(LatLong::new(vector(globe.center), vector(globe.north), globe.turn_deg))
-        }
-        settings::Projection::Triplanar(tiles) => Projection::Triplanar(Triplanar {
-            tile: tiles.tile,
-            offset: vector(tiles.offset),
-            sharpness: tiles.sharpness,
-        }),
-        settings::Projection::Planar(planar) => {
-            Projection::Planar(Planar::new(vector(planar.center), vector(planar.half_u), vector(planar.half_v)))
-        }
-    }
-}
-
-fn flow_noise(noise: &settings::FlowNoise, time: f64) -> Texture {
-    let turbulence = Turbulence::new(&TurbulenceSettings {
-        length_scale: noise.length_scale,
-        octaves: noise.octaves,
-        lacunarity: noise.lacunarity,
-        gain: noise.gain,
-        is_folded: noise.folded,
-        stretch: noise.stretch,
-        spin_rate: noise.spin_rate,
-        evolve_rate: noise.evolve_rate,
-        displacement: noise.displacement.map(|x| x * noise.memory),
-        offset: noise.offset,
-        scroll: noise.scroll,
-        seed: Seed(noise.seed),
-    });
-    Texture::FlowNoise(Box::new(FlowNoise {
-        turbulence: turbulence.at(time),
-        along: noise.along,
-        amplitude: noise.amplitude,
-        ramp: Ramp::new(noise.ramp.iter().map(|stop| (stop.at, vec3(stop.color))), noise.repeat),
-    }))
-}
-
-/// The lights of a scene in its order; the sun of a clear sky follows the sky.
-///
-/// # Errors
-/// [`RenderError::Light`] when a picture of the surroundings cannot be used.
-pub fn build_lights(scene: &Scene, load: LoadPicture) -> Result<Vec<Light>, RenderError> {
-    let mut lights = Vec::new();
-    for (light_idx, settings) in scene.settings.lights.iter().enumerate() {
-        let built = light(scene, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?;
-        lights.push(built);
-        lights.extend(sky_with_sun(settings).map(|(environment, sky)| sun_of(environment, sky)));
-    }
-    Ok(lights)
 }
 
 /// The smoke of a frame; `None` for a scene without any.
@@ -608,92 +301,4 @@ fn layers(settings: &settings::Settings) -> Vec<Layer> {
         }
     }
     layers
-}
-
-fn light(scene: &Scene, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
-    Ok(match light {
-        settings::Light::Sun(sun) => Light::Sun(Sun::new(
-            UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
-            vec3(sun.irradiance),
-            sun.angular_diameter_deg,
-            sun.visible,
-        )),
-        settings::Light::Environment(e) => Light::Environment(environment(scene, e, load)?),
-        settings::Light::Rectangle(r) => {
-            let (center, half_u, half_v) = (world_point(r.center), vec3(r.half_u), vec3(r.half_v));
-            let mut panel = Panel::try_new(Outline::Rectangle, center, half_u, half_v, vec3(r.radiance))
-                .expect("validation refuses rectangles without area");
-            (panel.is_two_sided, panel.is_visible) = (r.two_sided, r.visible);
-            Light::Panel(panel)
-        }
-        settings::Light::Disk(d) => {
-            let mut panel = Panel::disk(world_point(d.center), vec3(d.normal), d.radius as f32, vec3(d.radiance))
-                .expect("validation refuses disks without a direction");
-            (panel.is_two_sided, panel.is_visible) = (d.two_sided, d.visible);
-            Light::Panel(panel)
-        }
-        settings::Light::Sphere(s) => {
-            let mut ball = Ball::new(world_point(s.center), s.radius as f32, vec3(s.radiance));
-            ball.is_visible = s.visible;
-            Light::Ball(ball)
-        }
-        settings::Light::Spot(s) => Light::Spot(Spot::new(
-            world_point(s.position),
-            UnitVec3::try_new(vec3(s.direction)).expect("validation refuses directions of length 0"),
-            vec3(s.intensity),
-            s.cone_deg,
-            s.blend,
-        )),
-        settings::Light::Point(p) => Light::Point { position: world_point(p.position), intensity: vec3(p.intensity) },
-    })
-}
-
-fn environment(scene: &Scene, e: &settings::Environment, load: LoadPicture) -> Result<Environment, RenderError> {
-    let scale = e.scale.unwrap_or(1.0) as f32;
-    let is_visible = e.visible.unwrap_or(true);
-    if let Some(file) = &e.file {
-        let path = scene.resolve(file);
-        let fail = |problem| RenderError::NoLight { path: path.clone(), problem };
-        let picture = load(&path).map_err(RenderError::Picture)?;
-        picture.check("radiance").map_err(fail)?;
-        let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
-        return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));
-    }
-    if let Some(sky) = &e.sky {
-        let pixels = atmosphere(sky).picture(SKY_SIZE[0], SKY_SIZE[1]).into_iter().map(|p| p * scale).collect();
-        return Ok(Environment::picture(SKY_SIZE[0], SKY_SIZE[1], pixels, e.rotate_deg as f32, is_visible));
-    }
-    if let Some(g) = &e.gradient {
-        let [zenith, horizon, nadir] = [g.zenith, g.horizon, g.nadir].map(|c| vec3(c) * scale);
-        return Ok(Environment::gradient(zenith, horizon, nadir, is_visible));
-    }
-    Ok(Environment::constant(vec3(e.radiance.unwrap_or([0.0; 3])) * scale, is_visible))
-}
-
-fn atmosphere(sky: &settings::Sky) -> Atmosphere {
-    let to_sun = direction_to_sun(sky.sun_elevation_deg, sky.sun_azimuth_deg);
-    Atmosphere::new(to_sun, sky.turbidity, vec3(sky.ground_albedo))
-}
-
-/// The clear sky of a light that comes with its sun.
-fn sky_with_sun(light: &settings::Light) -> Option<(&settings::Environment, &settings::Sky)> {
-    let settings::Light::Environment(environment) = light else { return None };
-    environment.sky.as_ref().filter(|sky| sky.sun).map(|sky| (environment, sky))
-}
-
-/// The sun of a clear sky, as much dimmed by the air.
-fn sun_of(environment: &settings::Environment, sky: &settings::Sky) -> Light {
-    let to_sun = direction_to_sun(sky.sun_elevation_deg, sky.sun_azimuth_deg);
-    let turned = DQuat::from_rotation_y(environment.rotate_deg.to_radians()) * to_sun;
-    let direction = UnitVec3::new_unchecked(-turned.as_vec3().normalize());
-    let irradiance = atmosphere(sky).sun_irradiance() * environment.scale.unwrap_or(1.0) as f32;
-    Light::Sun(Sun::new(direction, irradiance, SUN_DIAMETER_DEG, sky.sun_visible))
-}
-
-fn vec3(v: [f64; 3]) -> Vec3 {
-    Vec3::from(v.map(|x| x as f32))
-}
-
-fn world_point(v: [f64; 3]) -> WorldPoint {
-    WorldPoint(vec3(v))
 }
