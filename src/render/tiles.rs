@@ -9,7 +9,7 @@ use crate::render::film::{Film, PathCounts, Pixel, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
-use crate::render::medium::Medium;
+use crate::render::media::Media;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::world::World;
 use glam::Vec2;
@@ -66,13 +66,16 @@ struct Tile {
 ///
 /// # Errors
 /// [`RenderError::Cancelled`] soon after `progress` says so; [`RenderError::NonFinite`] for a path that brings no number.
-pub fn render(
+pub fn render<'a>(
     view: &View,
-    world: &World,
-    medium: Option<&Medium>,
+    world: &'a World,
+    media: impl Into<Media<'a>>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
-    let integrator = Integrator { world, medium, limits: view.limits };
+    take(view, &Integrator { world, media: media.into(), limits: view.limits }, progress)
+}
+
+fn take(view: &View, integrator: &Integrator, progress: &dyn Progress) -> Result<Film, RenderError> {
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
     let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();
     let tiles: Vec<PixelBounds> = rows
@@ -88,10 +91,10 @@ pub fn render(
     let (finished, spp) = match view.time_limit {
         None => {
             let paint =
-                |tile: &PixelBounds| render_tile(tile, view, &integrator, progress, |mut painter| painter.paint());
+                |tile: &PixelBounds| render_tile(tile, view, integrator, progress, |mut painter| painter.paint());
             (tiles.par_iter().map(paint).collect::<Result<Vec<Tile>, _>>()?, view.spp)
         }
-        Some(limit) => render_in_passes(&tiles, view, &integrator, progress, limit)?,
+        Some(limit) => render_in_passes(&tiles, view, integrator, progress, limit)?,
     };
     Ok(Film { spp, ..assemble(view, &tiles, &finished) })
 }

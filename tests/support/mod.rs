@@ -83,7 +83,7 @@ pub fn estimate_each(
 ) -> Estimate {
     const BLOCK: usize = 4096;
     let view = render::build_view(&stage.scene, 1, None);
-    let integrator = Integrator { world: &stage.world, medium, limits: view.limits };
+    let integrator = Integrator { world: &stage.world, media: medium.into(), limits: view.limits };
     let blocks = count.div_ceil(BLOCK);
     let means: Vec<f64> = (0..blocks)
         .into_par_iter()
