@@ -282,7 +282,7 @@ impl Studio {
             }
         };
         let most = view.bounds.area() as u64 * u64::from(view.spp);
-        let film = timed(progress, Stage::Render, record, most, || tiles::render(&view, world, media, progress))?;
+        let film = timed(progress, Stage::Render, record, most, || tiles::render_media(&view, world, media, progress))?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
         let traced = film.paths.traced.max(1) as f64;
         record.samples_per_second = traced / seconds.max(1e-9);

@@ -10,6 +10,7 @@ use crate::render::filter::Filter;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
 use crate::render::media::Media;
+use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::world::World;
 use glam::Vec2;
@@ -66,16 +67,21 @@ struct Tile {
 ///
 /// # Errors
 /// [`RenderError::Cancelled`] soon after `progress` says so; [`RenderError::NonFinite`] for a path that brings no number.
-pub fn render<'a>(
+pub fn render(
     view: &View,
-    world: &'a World,
-    media: impl Into<Media<'a>>,
+    world: &World,
+    smoke: Option<&Medium>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
-    take(view, &Integrator { world, media: media.into(), limits: view.limits }, progress)
+    render_media(view, world, smoke.into(), progress)
 }
 
-fn take(view: &View, integrator: &Integrator, progress: &dyn Progress) -> Result<Film, RenderError> {
+/// As [`render`], through more than smoke.
+///
+/// # Errors
+/// As there.
+pub fn render_media(view: &View, world: &World, media: Media, progress: &dyn Progress) -> Result<Film, RenderError> {
+    let integrator = &Integrator { world, media, limits: view.limits };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
     let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();
     let tiles: Vec<PixelBounds> = rows
