@@ -4,6 +4,7 @@ mod fingerprint;
 mod heat;
 mod mask_files;
 mod smoke;
+mod volumes;
 
 use crate::error::Error;
 use crate::flow::Flow;
@@ -20,9 +21,11 @@ use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::heat::Heat;
 use crate::pipeline::mask_files::SceneFiles;
 use crate::pipeline::smoke::SmokeSource;
+use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::film::{Film, PixelBounds};
 use crate::render::material::Material;
+use crate::render::media::Media;
 use crate::render::picture::Picture;
 use crate::render::world::World;
 use crate::render::{self, RenderError, TextureStore, tiles};
@@ -198,6 +201,8 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
         }
         _ => {}
     }
+    let volumes = VolumeSources::build(scene, &geometry)?;
+    volumes.at_frame(scene, &geometry, scene.settings.frames.first, &Silent, &mut Sidecar::default())?;
     Ok(warnings)
 }
 
@@ -211,6 +216,7 @@ struct Studio {
     world: Option<World>,
     textures: TextureStore,
     smoke: SmokeSource,
+    volumes: VolumeSources,
 }
 
 impl Studio {
@@ -227,8 +233,9 @@ impl Studio {
             Some(build_world(scene, &geometry, materials)?)
         };
         let smoke = SmokeSource::build(scene, &geometry)?;
+        let volumes = VolumeSources::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());
-        Ok(Self { geometry, world, textures, smoke })
+        Ok(Self { geometry, world, textures, smoke, volumes })
     }
 
     fn take_picture(
@@ -257,6 +264,8 @@ impl Studio {
             })?
             .flatten();
         record.add_time(Stage::Grid, start.elapsed());
+        let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
+        let media = Media::new(medium.as_ref(), &volumes);
         let view = render::build_view(scene, frame, crop);
         let moved;
         let time = time_of(scene, frame);
@@ -273,8 +282,7 @@ impl Studio {
             }
         };
         let most = view.bounds.area() as u64 * u64::from(view.spp);
-        let film =
-            timed(progress, Stage::Render, record, most, || tiles::render(&view, world, medium.as_ref(), progress))?;
+        let film = timed(progress, Stage::Render, record, most, || tiles::render_media(&view, world, media, progress))?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
         let traced = film.paths.traced.max(1) as f64;
         record.samples_per_second = traced / seconds.max(1e-9);
@@ -295,7 +303,7 @@ impl Studio {
 
 /// What the smoke of a scene gives off because it is hot.
 fn smoke_heat(scene: &Scene) -> Option<Heat> {
-    scene.settings.smoke.as_ref().and_then(Heat::new)
+    scene.settings.smoke.as_ref().and_then(|smoke| Heat::new(smoke.blackbody, &smoke.medium))
 }
 
 /// Time of a frame [s].

@@ -80,6 +80,14 @@ pub enum GeometryError {
         /// What is wrong.
         source: MeshSdfError,
     },
+    /// What should be filled has holes.
+    #[error("the mesh `{name}` is not closed, so that nothing is inside of it: it has {report}")]
+    Open {
+        /// Key of the shape in the scene.
+        name: String,
+        /// What is wrong with it.
+        report: String,
+    },
     /// The ray-tracing library failed.
     #[error(transparent)]
     Embree(#[from] EmbreeError),
@@ -222,6 +230,24 @@ impl Geometry {
              hide the shape with `visible: false`",
             name = around.name
         ))
+    }
+
+    /// One shape alone as a target of rays, visible or not; `None` where there is no such shape, or none with an inside.
+    ///
+    /// # Errors
+    /// Where it is a mesh with holes, and where the ray-tracing library is missing or fails.
+    pub fn container(&self, name: &str) -> Result<Option<TraceScene>, GeometryError> {
+        let Some(shape) = self.shapes.iter().find(|shape| shape.name == name) else { return Ok(None) };
+        let mut builder = SceneBuilder::new();
+        match (&shape.mesh, &shape.solid) {
+            (Some(mesh), _) if mesh.report().is_closed() => builder.add_mesh(mesh.clone(), 0)?,
+            (Some(mesh), _) => {
+                return Err(GeometryError::Open { name: name.into(), report: mesh.report().to_string() });
+            }
+            (None, Some(solid)) => builder.add_solid(solid.clone(), 0)?,
+            (None, None) => return Ok(None),
+        }
+        Ok(Some(builder.commit()?))
     }
 
     /// The visible shapes as a target of rays.

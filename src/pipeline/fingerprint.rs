@@ -57,9 +57,10 @@ impl InputHash {
 
     pub(super) fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
         let mut volume = String::new();
-        if let Some(density) = scene.settings.smoke.as_ref().and_then(|s| s.file.as_ref()) {
+        let smoke = scene.settings.smoke.iter().filter_map(|smoke| smoke.file.as_ref());
+        for density in smoke.chain(scene.settings.volumes.values().filter_map(|volume| volume.file.as_ref())) {
             let path = scene.resolve(&parse_pattern(&density.path)?.expand(frame, scene.name()));
-            volume = file_hash(&path)?;
+            volume += &file_hash(&path)?;
         }
         let version = concat!(env!("CARGO_PKG_VERSION"), "/");
         let parts = [

@@ -24,10 +24,9 @@ pub(super) struct Heat {
 }
 
 impl Heat {
-    /// Of smoke that has a temperature.
-    pub(super) fn new(smoke: &settings::Smoke) -> Option<Self> {
-        let settings = smoke.blackbody?;
-        let medium = &smoke.medium;
+    /// Of smoke or a volume that has a temperature.
+    pub(super) fn new(settings: Option<settings::Blackbody>, medium: &settings::Medium) -> Option<Self> {
+        let settings = settings?;
         let absorption = |i: usize| medium.extinction * medium.extinction_tint[i] * (1.0 - medium.albedo[i]);
         let factor = [0, 1, 2].map(|i| (settings.gain * absorption(i)) as f32);
         Some(Self { table: Blackbody::new(), settings, factor: Vec3::from(factor) })

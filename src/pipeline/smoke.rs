@@ -11,8 +11,8 @@ use crate::particles::ParticleSystem;
 use crate::pipeline::heat::{self, Heat};
 use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
-use crate::scene::Scene;
 use crate::scene::pattern::Pattern;
+use crate::scene::{Scene, settings};
 use glam::DVec3;
 use std::time::Instant;
 
@@ -21,6 +21,21 @@ pub(super) struct FrameSmoke {
     pub(super) density: DensityGrid,
     /// Light that it gives off because it is hot [W/(m³ sr)].
     pub(super) glow: Option<[DensityGrid; 3]>,
+}
+
+impl FrameSmoke {
+    /// With other densities.
+    pub(super) fn remapped(self, remap: Option<settings::Remap>) -> Self {
+        match remap {
+            Some(remap) => Self { density: self.density.map(|density| remap.apply(density)), ..self },
+            None => self,
+        }
+    }
+
+    /// Memory of its grids [bytes].
+    pub(super) fn memory_bytes(&self) -> u64 {
+        self.glow.iter().flatten().chain([&self.density]).map(DensityGrid::memory_bytes).sum()
+    }
 }
 
 /// Where the density of a frame comes from.
@@ -32,20 +47,57 @@ pub(super) enum SmokeSource {
         /// Whether it was said that most particles are born inside obstacles.
         is_told: bool,
     },
-    File {
-        pattern: Pattern,
-        grid_name: String,
-        temperature_name: String,
-    },
+    File(DensityFiles),
+}
+
+/// A sequence of .vdb files.
+pub(super) struct DensityFiles {
+    pattern: Pattern,
+    settings: settings::DensityFile,
+}
+
+impl DensityFiles {
+    pub(super) fn new(settings: &settings::DensityFile) -> Result<Self, Error> {
+        Ok(Self { pattern: parse_pattern(&settings.path)?, settings: settings.clone() })
+    }
+
+    /// The file of a frame within `limit` bytes of memory; `key` is where the scene has it, `smoke` or a volume.
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn read(
+        &self,
+        scene: &Scene,
+        frame: i32,
+        heat: Option<&Heat>,
+        key: &str,
+        limit: u64,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<FrameSmoke, Error> {
+        let path = scene.resolve(&self.pattern.expand(frame, scene.name()));
+        // Of hot smoke five grids share it, and the bricks of two while the light is made.
+        let limit = limit / if heat.is_some() { 7 } else { 1 };
+        let read = |name: &str| vdb::read_float_grid(&path, name, limit);
+        let density = timed(progress, Stage::Grid, record, 0, || read(&self.settings.density))
+            .map_err(|e| in_scene(scene, &format!("{key}.file.path"), Some(frame), e))?;
+        let key = format!("{key}.blackbody");
+        let glow = match heat {
+            None => None,
+            Some(heat) => {
+                let temperature =
+                    read(&self.settings.temperature).map_err(|e| in_scene(scene, &key, Some(frame), e))?;
+                let glow = heat.of_grids(&density, &temperature, limit);
+                Some(glow.map_err(|e| in_scene(scene, &key, Some(frame), e))?)
+            }
+        };
+        Ok(FrameSmoke { density, glow })
+    }
 }
 
 impl SmokeSource {
     pub(super) fn build(scene: &Scene, geometry: &Geometry) -> Result<Self, Error> {
         let Some(smoke) = &scene.settings.smoke else { return Ok(Self::None) };
-        if let Some(density) = &smoke.file {
-            let pattern = parse_pattern(&density.path)?;
-            let (grid_name, temperature_name) = (density.density.clone(), density.temperature.clone());
-            return Ok(Self::File { pattern, grid_name, temperature_name });
+        if let Some(file) = &smoke.file {
+            return Ok(Self::File(DensityFiles::new(file)?));
         }
         let Some(grid) = &smoke.grid else { return Ok(Self::None) };
         let frames = &scene.settings.frames;
@@ -112,34 +164,17 @@ impl SmokeSource {
                     .map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?;
                 (splat.grid, glow)
             }
-            Self::File { pattern, grid_name, temperature_name } => {
-                let path = scene.resolve(&pattern.expand(frame, scene.name()));
-                // Of hot smoke five grids share it, and the bricks of two while the light is made.
-                let limit = grid_memory_limit(scene, 0) / if heat.is_some() { 7 } else { 1 };
-                let read = |name: &str| vdb::read_float_grid(&path, name, limit);
-                let density = timed(progress, Stage::Grid, record, 0, || read(grid_name))
-                    .map_err(|e| in_scene(scene, "smoke.file.path", Some(frame), e))?;
-                let glow = match heat {
-                    None => None,
-                    Some(heat) => {
-                        let temperature =
-                            read(temperature_name).map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?;
-                        let glow = heat.of_grids(&density, &temperature, limit);
-                        Some(glow.map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?)
-                    }
-                };
-                (density, glow)
+            Self::File(file) => {
+                let limit = grid_memory_limit(scene, 0);
+                let smoke = file.read(scene, frame, heat.as_ref(), "smoke", limit, progress, record)?;
+                (smoke.density, smoke.glow)
             }
         };
         let remap = scene.settings.smoke.as_ref().and_then(|smoke| smoke.remap);
-        let density = match remap {
-            Some(remap) => density.map(|density| remap.apply(density)),
-            None => density,
-        };
-        record.grid.active_voxels = density.active_voxel_count();
-        let all = glow.iter().flatten().chain([&density]);
-        record.grid.bytes = all.map(DensityGrid::memory_bytes).sum();
-        Ok(Some(FrameSmoke { density, glow }))
+        let smoke = FrameSmoke { density, glow }.remapped(remap);
+        record.grid.active_voxels = smoke.density.active_voxel_count();
+        record.grid.bytes = smoke.memory_bytes();
+        Ok(Some(smoke))
     }
 }
 

@@ -25,6 +25,11 @@ impl Chroma {
         Self { ratios, hero: ((u * 3.0) as usize).min(2), likely: Vec3::ONE }
     }
 
+    /// From here on the path flies through smoke with these ratios.
+    pub fn enter(&mut self, ratios: Vec3) {
+        self.ratios = ratios;
+    }
+
     /// Extinction of the hero over the largest.
     pub fn hero_ratio(&self) -> f32 {
         self.ratios[self.hero]

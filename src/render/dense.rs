@@ -57,30 +57,67 @@ pub struct ViewThrough {
 /// Optical depth behind which nothing is seen any more.
 const OPAQUE: f64 = 60.0;
 
+/// A look through smoke, step by step.
+#[derive(Debug, Clone, Copy)]
+pub struct ViewSteps {
+    first: f64,
+    half: f64,
+    stopped_at: f64,
+    tau: f64,
+}
+
+impl Default for ViewSteps {
+    fn default() -> Self {
+        Self { first: f64::INFINITY, half: f64::INFINITY, stopped_at: 0.0, tau: 0.0 }
+    }
+}
+
+impl ViewSteps {
+    /// The next step, between two distances [m], of an optical depth; `reached` is the distance at which a part of that is
+    /// reached. False where nothing is seen behind it.
+    pub fn add(&mut self, [a, b]: [f64; 2], depth: f64, reached: impl FnOnce(f64) -> f64) -> bool {
+        if depth <= 0.0 {
+            return true;
+        }
+        self.first = self.first.min(a);
+        if self.half == f64::INFINITY && self.tau + depth >= LN_2 {
+            self.half = reached(LN_2 - self.tau);
+        }
+        self.stopped_at += (-self.tau).exp() * -(-depth).exp_m1() * 0.5 * (a + b);
+        self.tau += depth;
+        self.tau <= OPAQUE
+    }
+
+    /// What was seen.
+    pub fn finish(self) -> ViewThrough {
+        let stopped = -(-self.tau).exp_m1();
+        let mean = if stopped > 0.0 { self.stopped_at / stopped } else { f64::INFINITY };
+        ViewThrough { first: self.first, mean, half: self.half, transmittance: (-self.tau).exp() }
+    }
+}
+
 /// Looks through smoke along the ray up to distance `end` [m].
 pub fn view_through(medium: &Medium, ray: &Ray, end: f32) -> ViewThrough {
     let line = medium.ray_to_index(ray);
-    let (mut first, mut half, mut stopped_at, mut tau) = (f64::INFINITY, f64::INFINITY, 0.0, 0.0);
-    let pieces = medium.majorants(ray, end).filter(|piece| piece.density_max > 0.0);
-    let voxels = pieces.flat_map(|piece| VoxelWalk::new(&line, f64::from(piece.t0), f64::from(piece.t1)));
-    for [a, b] in voxels {
+    let mut view = ViewSteps::default();
+    for [a, b] in voxels(medium, &line, ray, end) {
         let depth = optical_depth(medium, &line, a, b);
-        if depth <= 0.0 {
-            continue;
-        }
-        first = first.min(a);
-        if half == f64::INFINITY && tau + depth >= LN_2 {
-            half = collision(medium, &line, [a, b], LN_2 - tau);
-        }
-        stopped_at += (-tau).exp() * -(-depth).exp_m1() * 0.5 * (a + b);
-        tau += depth;
-        if tau > OPAQUE {
+        if !view.add([a, b], depth, |tau| collision(medium, &line, [a, b], tau)) {
             break;
         }
     }
-    let stopped = -(-tau).exp_m1();
-    let mean = if stopped > 0.0 { stopped_at / stopped } else { f64::INFINITY };
-    ViewThrough { first, mean, half, transmittance: (-tau).exp() }
+    view.finish()
+}
+
+/// The pieces of a ray up to distance `end` [m] within voxels that may have smoke, in order; `line` is the ray too.
+pub fn voxels<'a>(
+    medium: &'a Medium,
+    line: &'a IndexRay,
+    ray: &Ray,
+    end: f32,
+) -> impl Iterator<Item = [f64; 2]> + use<'a> {
+    let pieces = medium.majorants(ray, end).filter(|piece| piece.density_max > 0.0);
+    pieces.flat_map(|piece| VoxelWalk::new(line, f64::from(piece.t0), f64::from(piece.t1)))
 }
 
 /// Optical depth between two distances within one voxel.

@@ -10,6 +10,7 @@
 use crate::geometry::embree::Ray;
 use crate::render::dense;
 use crate::render::light::Light;
+use crate::render::media::Media;
 use crate::render::medium::Medium;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -106,20 +107,11 @@ impl<'a> Nearby<'a> {
     /// The lamps among `lights` (all lights, of which `lamps` are the indices of those with a place) near the part of a ray
     /// before `t_max` [m] that is in smoke, for the flight after
     /// `bounce` scatterings; `None` where there are none.
-    pub fn find(
-        lights: &'a [Light],
-        lamps: &[u32],
-        medium: &Medium,
-        ray: &Ray,
-        t_max: f32,
-        bounce: u32,
-    ) -> Option<Self> {
+    pub fn find(lights: &'a [Light], lamps: &[u32], media: Media, ray: &Ray, t_max: f32, bounce: u32) -> Option<Self> {
         if lamps.is_empty() || bounce >= FLIGHTS {
             return None;
         }
-        let mut pieces = medium.majorants(ray, t_max).filter(|piece| piece.density_max > 0.0);
-        let first = pieces.next()?;
-        let range = [first.t0, pieces.last().map_or(first.t1, |last| last.t1)];
+        let range = media.range(ray, t_max)?;
         let least_angle = if bounce == 0 { LEAST_ANGLE } else { LEAST_ANGLE_LATER };
         let weight = |&i: &u32| View::of(&lights[i as usize], ray, range, least_angle).map_or(0.0, |view| view.weight);
         let total: f32 = lamps.iter().map(weight).sum();
@@ -162,15 +154,23 @@ pub fn flight_density(medium: &Medium, ray: &Ray, t: f32) -> f32 {
     if sigma_t <= 0.0 {
         return 0.0;
     }
+    let tau = optical_depth(medium, ray, t);
+    if tau > OPAQUE { 0.0 } else { sigma_t * (-tau).exp() as f32 }
+}
+
+/// Optical depth from the ray's origin to distance `t` [m], of the channel of largest extinction; not all of it where that is
+/// so large that nothing comes through.
+pub fn optical_depth(medium: &Medium, ray: &Ray, t: f32) -> f64 {
+    let line = medium.ray_to_index(ray);
     let mut tau = 0.0;
     for piece in medium.majorants(ray, t).filter(|piece| piece.density_max > 0.0) {
         tau +=
             f64::from(medium.extinction()) * dense::column(medium.grid(), &line, [piece.t0, piece.t1].map(f64::from));
         if tau > OPAQUE {
-            return 0.0;
+            break;
         }
     }
-    sigma_t * (-tau).exp() as f32
+    tau
 }
 
 #[cfg(test)]
@@ -208,7 +208,8 @@ mod tests {
     fn distances_follow_their_density_which_integrates_to_one() {
         let (medium, lights) = (smoke(1.0), lights());
         let lamps: Vec<u32> = (0..lights.len() as u32).collect();
-        let nearby = Nearby::find(&lights, &lamps, &medium, &ray(), f32::INFINITY, 0).expect("lamps are near");
+        let nearby =
+            Nearby::find(&lights, &lamps, Some(&medium).into(), &ray(), f32::INFINITY, 0).expect("lamps are near");
         let mut rng = CounterRng::new(Seed(1));
         const BINS: usize = 50;
         let n = 200_000;
@@ -262,9 +263,9 @@ mod tests {
     #[test]
     fn flights_far_from_lamps_and_scenes_without_take_no_more() {
         let (medium, lights) = (smoke(1.0), lights());
-        assert!(Nearby::find(&lights, &[], &medium, &ray(), 10.0, 0).is_none());
-        assert!(Nearby::find(&lights, &[3], &medium, &ray(), 10.0, 0).is_none());
+        assert!(Nearby::find(&lights, &[], Some(&medium).into(), &ray(), 10.0, 0).is_none());
+        assert!(Nearby::find(&lights, &[3], Some(&medium).into(), &ray(), 10.0, 0).is_none());
         // Nor what ends before the smoke.
-        assert!(Nearby::find(&lights, &[0, 1], &medium, &ray(), 1.0, 0).is_none());
+        assert!(Nearby::find(&lights, &[0, 1], Some(&medium).into(), &ray(), 1.0, 0).is_none());
     }
 }

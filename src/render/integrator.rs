@@ -13,15 +13,13 @@ use crate::render::bsdf::microfacet::bent;
 use crate::render::catcher::Caught;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
-use crate::render::equiangular::{Nearby, flight_density};
+use crate::render::equiangular::Nearby;
 use crate::render::film::{Contribution, PathCounts};
-use crate::render::glow::collected;
 use crate::render::light::{Light, LightSample};
 use crate::render::light_path::{EMISSION_GROUP, FirstEvent, Passage};
 use crate::render::material::{Sight, SurfacePoint};
-use crate::render::medium::Medium;
+use crate::render::media::Media;
 use crate::render::sampler::{Dimension, Sampler};
-use crate::render::tracking::{Event, estimate_tinted_transmittance, estimate_transmittance, sample_collision};
 use crate::render::vertex::Vertex;
 use crate::render::world::World;
 use glam::Vec3;
@@ -42,8 +40,8 @@ pub struct PathLimits {
 pub struct Integrator<'a> {
     /// Surfaces and lights.
     pub world: &'a World,
-    /// The smoke, if any.
-    pub medium: Option<&'a Medium>,
+    /// What light flies through.
+    pub media: Media<'a>,
     /// When paths end.
     pub limits: PathLimits,
 }
@@ -91,8 +89,7 @@ impl<'a> Integrator<'a> {
         for bounce in 0.. {
             let numbers = sampler.numbers(Dimension::Flight, bounce);
             if bounce == 0 {
-                let tint = self.medium.and_then(|medium| medium.tint);
-                chroma = tint.map(|ratios| Chroma::new(ratios, numbers[2]));
+                chroma = self.media.tint().map(|ratios| Chroma::new(ratios, numbers[2]));
             }
             let hit = match bounce {
                 0 => self.world.seen_by_camera(&ray),
@@ -105,15 +102,15 @@ impl<'a> Integrator<'a> {
             // What light from here on counts.
             let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
             let nearby = self.nearby(&ray, t_max, bounce);
-            if let Some((medium, nearby)) = &nearby
-                && let Some((i, light)) = self.nearby_light(medium, nearby, &ray, bounce, sampler)
+            if let Some(nearby) = &nearby
+                && let Some((i, light)) = self.nearby_light(nearby, &ray, bounce, sampler)
             {
                 let first = if bounce == 0 { FirstEvent::Smoke } else { contribution.first };
                 contribution.add(carried * light, Passage::scattered(first, bounce + 1), self.world.groups[i]);
             }
-            if let Some(medium) = self.medium.filter(|medium| medium.glows()) {
+            if self.media.glows() {
                 // No light of the direct connections either.
-                contribution.add_scattered(carried * collected(medium, &ray, end), bounce, EMISSION_GROUP);
+                contribution.add_scattered(carried * self.media.collected(&ray, end), bounce, EMISSION_GROUP);
             }
             let vertex = match vertex {
                 Some(vertex) => vertex,
@@ -163,7 +160,7 @@ impl<'a> Integrator<'a> {
             }
             counts.bounces += 1;
             contribution.bounces += 1;
-            asked = Asked::at(&vertex, nearby, &ray, end);
+            asked = Asked::at(&vertex, self.media, nearby, &ray, end);
             self.add_direct_light(&vertex, carried, &asked, bounce, sampler, contribution);
             if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
                 caught.add_unshadowed(carried * self.direct_light_unshadowed(&vertex, &asked, bounce, sampler));
@@ -205,12 +202,14 @@ impl<'a> Integrator<'a> {
         sampler: &mut Sampler,
         chroma: Option<&mut Chroma>,
     ) -> (Option<Vertex<'a>>, f32) {
-        let Some(medium) = self.medium else { return (None, t_max) };
+        if self.media.is_empty() {
+            return (None, t_max);
+        }
         // A collision that rounding moves behind the surface would be caught inside the solid for good.
         let t_max = t_max * (1.0 - CLEARANCE) - CLEARANCE * ray.origin.0.abs().max_element();
-        match sample_collision(medium, ray, t_max, u, sampler.stream(), chroma) {
-            Event::Collision { t } => (Some(Vertex::Smoke { point: ray.at(t), medium, before: ray.direction }), t),
-            Event::Escape => (None, t_max),
+        match self.media.first_collision(ray, t_max, u, sampler.stream(), chroma) {
+            Some((t, matter)) => (Some(Vertex::Smoke { point: ray.at(t), matter, before: ray.direction }), t),
+            None => (None, t_max),
         }
     }
 
@@ -291,32 +290,29 @@ impl<'a> Integrator<'a> {
         met.radiance
     }
 
-    /// The lamps near a flight, and the smoke that they light.
-    fn nearby(&self, ray: &Ray, t_max: f32, bounce: u32) -> Option<(&'a Medium, Nearby<'a>)> {
+    /// The lamps near a flight through smoke.
+    fn nearby(&self, ray: &Ray, t_max: f32, bounce: u32) -> Option<Nearby<'a>> {
         if self.world.lamps().is_empty() {
             return None;
         }
         // Of smoke with a tint, each channel has another density of free flight.
-        let medium = self.medium.filter(|medium| bounce < self.limits.max_bounces && medium.tint.is_none())?;
-        Some((medium, Nearby::find(&self.world.lights, self.world.lamps(), medium, ray, t_max, bounce)?))
+        if bounce >= self.limits.max_bounces || self.media.tint().is_some() {
+            return None;
+        }
+        Nearby::find(&self.world.lights, self.world.lamps(), self.media, ray, t_max, bounce)
     }
 
     /// Light of one of the lamps near a flight that is scattered once on the way, from a distance taken for that lamp.
-    fn nearby_light(
-        &self,
-        medium: &'a Medium,
-        nearby: &Nearby,
-        ray: &Ray,
-        bounce: u32,
-        sampler: &mut Sampler,
-    ) -> Option<(usize, Rgb)> {
+    fn nearby_light(&self, nearby: &Nearby, ray: &Ray, bounce: u32, sampler: &mut Sampler) -> Option<(usize, Rgb)> {
         let u = sampler.numbers(Dimension::Distance, bounce);
         let place = nearby.sample(self.world.lamps(), [u[0], u[1]])?;
-        let flight = flight_density(medium, ray, place.t);
+        let flight = self.media.flight_density(ray, place.t);
         if flight <= 0.0 || place.density <= 0.0 {
             return None;
         }
-        let vertex = Vertex::Smoke { point: ray.at(place.t), medium, before: ray.direction };
+        // Where volumes overlap, both ways of finding this place choose between them by their extinctions.
+        let matter = self.media.met_at(ray, place.t, sampler.stream())?;
+        let vertex = Vertex::Smoke { point: ray.at(place.t), matter, before: ray.direction };
         let light = &self.world.lights[place.light_idx];
         let sample = light.sample(vertex.point(), [u[2], u[3]])?;
         // Against free flight to the same place, which then asks the same light.
@@ -349,11 +345,7 @@ impl<'a> Integrator<'a> {
         if self.world.is_blocked(&ray, t_max, target) {
             return Vec3::ZERO;
         }
-        let Some(medium) = self.medium else { return Vec3::ONE };
-        match medium.tint {
-            None => Vec3::splat(estimate_transmittance(medium, &ray, sample.distance, sampler.stream())),
-            Some(ratios) => estimate_tinted_transmittance(medium, ratios, &ray, sample.distance, sampler.stream()),
-        }
+        self.media.transmittance(&ray, sample.distance, sampler.stream())
     }
 }
 
@@ -375,10 +367,10 @@ struct Asked<'a> {
 }
 
 impl<'a> Asked<'a> {
-    fn at(vertex: &Vertex, nearby: Option<(&Medium, Nearby<'a>)>, ray: &Ray, t: f32) -> Self {
+    fn at(vertex: &Vertex, media: Media, nearby: Option<Nearby<'a>>, ray: &Ray, t: f32) -> Self {
         // A distance finds smoke, never a surface.
         let nearby = nearby.filter(|_| matches!(vertex, Vertex::Smoke { .. }));
-        let flight = nearby.map(|(medium, nearby)| (nearby, t, flight_density(medium, ray, t)));
+        let flight = nearby.map(|nearby| (nearby, t, media.flight_density(ray, t)));
         Self { point: vertex.point(), flight }
     }
 

@@ -7,7 +7,6 @@ use crate::geometry::embree::Ray;
 use crate::render::camera::Camera;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::{self, Coverage};
-use crate::render::dense;
 use crate::render::film::{Contribution, Moments};
 use crate::render::integrator::Integrator;
 use crate::render::light_path::{GROUP_MAX, Passage};
@@ -162,7 +161,7 @@ impl Middle {
     pub fn look(integrator: &Integrator, camera: &Camera, ray: &Ray) -> Self {
         let hit = integrator.world.seen_by_camera(ray);
         let end = hit.as_ref().map_or(f32::INFINITY, |hit| hit.t);
-        let view = integrator.medium.map(|medium| dense::view_through(medium, ray, end));
+        let view = integrator.media.view_through(ray, end);
         let depth = |t: f32| if t.is_finite() { camera.depth(ray, t) } else { t };
         Self {
             depth: depth(end),

@@ -9,6 +9,15 @@ use crate::render::color::Rgb;
 use crate::render::phase::Phase;
 use glam::Vec3;
 
+/// What scatters in a volume, wherever there is how much of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Matter {
+    /// Share of the extinction that scatters, each channel in [0, 1].
+    pub albedo: Rgb,
+    /// Directions of scattering.
+    pub phase: Phase,
+}
+
 /// Smoke: a density grid with coefficients.
 #[derive(Debug)]
 pub struct Medium {
@@ -60,10 +69,24 @@ impl Medium {
         MajorantIterator::new(&self.majorants, ray.origin, ray.direction, 0.0, t_max)
     }
 
+    /// The part of the ray before `t_max` in which there may be smoke: between these distances [m].
+    #[inline]
+    pub fn range(&self, ray: &Ray, t_max: f32) -> Option<[f32; 2]> {
+        let mut pieces = self.majorants(ray, t_max).filter(|piece| piece.density_max > 0.0);
+        let first = pieces.next()?;
+        Some([first.t0, pieces.last().map_or(first.t1, |last| last.t1)])
+    }
+
     /// Extinction coefficient of density 1 [1/m].
     #[inline]
     pub fn extinction(&self) -> f32 {
         self.extinction
+    }
+
+    /// What scatters.
+    #[inline]
+    pub fn matter(&self) -> Matter {
+        Matter { albedo: self.albedo, phase: self.phase }
     }
 
     /// Whether it gives off light.

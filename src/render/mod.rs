@@ -17,6 +17,7 @@ pub mod cryptomatte;
 pub mod dense;
 pub mod environment;
 pub mod equiangular;
+pub mod even;
 pub mod film;
 pub mod filter;
 pub mod from_scene;
@@ -27,6 +28,7 @@ pub mod layers;
 pub mod light;
 pub mod light_path;
 pub mod material;
+pub mod media;
 pub mod medium;
 pub mod panel;
 pub mod phase;
@@ -37,6 +39,7 @@ pub mod sun;
 pub mod surface_keys;
 pub mod surface_light;
 pub mod texture;
+pub mod through;
 pub mod tiles;
 pub mod tracking;
 pub mod vertex;
@@ -47,10 +50,12 @@ pub use crate::render::from_scene::materials::build_materials;
 pub use crate::render::from_scene::textures::TextureStore;
 
 use crate::geometry::Geometry;
+use crate::geometry::embree::TraceScene;
 use crate::grid::DensityGrid;
 use crate::math::hash::Seed;
 use crate::render::adaptive::Adaptive;
 use crate::render::camera::{Camera, Lens};
+use crate::render::even::EvenMedium;
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
 use crate::render::from_scene::lights::{glowing_shape, groups};
@@ -59,14 +64,16 @@ use crate::render::integrator::PathLimits;
 use crate::render::layers::{Layer, group_layers};
 use crate::render::light_path::{EMISSION_GROUP, Passage};
 use crate::render::material::Material;
-use crate::render::medium::Medium;
+use crate::render::medium::{Matter, Medium};
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
 use crate::render::tiles::View;
 use crate::render::world::World;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
+use glam::Vec3;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What can stop a picture.
@@ -114,8 +121,8 @@ pub enum RenderError {
     },
     /// Smoke too dense for single precision.
     #[error(
-        "the smoke's density reaches {density:.3e}; times smoke.medium.{what}, {factor:.3e}, this is {:.3e}, at most \
-         {SIGMA_MAX:.0e} is allowed; lower smoke.medium.{what} or the mass of the emitters",
+        "the density reaches {density:.3e}; times medium.{what}, {factor:.3e}, this is {:.3e}, at most {SIGMA_MAX:.0e} is \
+         allowed; lower medium.{what} or the density, which of smoke is the mass of its emitters",
         f64::from(*density) * factor
     )]
     TooDense {
@@ -128,7 +135,7 @@ pub enum RenderError {
     },
     /// Smoke too hot for single precision.
     #[error(
-        "hot smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower smoke.blackbody.gain or its temperature"
+        "hot smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower blackbody.gain or the temperature"
     )]
     TooHot {
         /// Most that it gives off [W/(m³ sr)].
@@ -191,25 +198,62 @@ pub fn build_world(
 /// [`RenderError::TooDense`] where density times extinction, or times emission, passes [`SIGMA_MAX`].
 pub fn build_medium(scene: &Scene, grid: DensityGrid) -> Result<Option<Medium>, RenderError> {
     let Some(smoke) = &scene.settings.smoke else { return Ok(None) };
-    let medium = &smoke.medium;
-    let density = grid.max_density();
+    grid_medium(&smoke.medium, grid).map(Some)
+}
+
+/// Smoke or a volume of density on voxels, by what it does to light.
+///
+/// # Errors
+/// As [`build_medium`].
+pub fn grid_medium(medium: &settings::Medium, grid: DensityGrid) -> Result<Medium, RenderError> {
+    check_density(medium, grid.max_density())?;
+    let most = medium.extinction_tint.iter().copied().fold(0.0, f64::max);
+    let mut built = Medium::new(grid, (medium.extinction * most) as f32, vec3(medium.albedo), phase(&medium.phase));
+    built.tint = tint(medium);
+    built.emission = vec3(medium.emission);
+    Ok(built)
+}
+
+/// Even matter inside of a closed surface.
+///
+/// # Errors
+/// As [`build_medium`].
+pub fn even_medium(volume: &settings::Volume, container: Arc<TraceScene>) -> Result<EvenMedium, RenderError> {
+    let (medium, density) = (&volume.medium, volume.density.unwrap_or(1.0));
+    check_density(medium, density as f32)?;
+    let most = medium.extinction_tint.iter().copied().fold(0.0, f64::max);
+    Ok(EvenMedium {
+        container,
+        sigma_t: (medium.extinction * most * density) as f32,
+        tint: tint(medium),
+        emission: vec3(medium.emission) * density as f32,
+        matter: Matter { albedo: vec3(medium.albedo), phase: phase(&medium.phase) },
+    })
+}
+
+fn check_density(medium: &settings::Medium, density: f32) -> Result<(), RenderError> {
     let emission = medium.emission.iter().copied().fold(0.0, f64::max);
     for (what, factor) in [("extinction", medium.extinction), ("emission", emission)] {
         if f64::from(density) * factor > SIGMA_MAX {
             return Err(RenderError::TooDense { density, what, factor });
         }
     }
-    let phase = match medium.phase {
+    Ok(())
+}
+
+fn phase(phase: &settings::Phase) -> Phase {
+    match *phase {
         settings::Phase::Isotropic => Phase::HenyeyGreenstein { g: 0.0 },
         settings::Phase::HenyeyGreenstein { g } => Phase::HenyeyGreenstein { g: g as f32 },
         settings::Phase::TwoLobes { g1, g2, share } => Phase::two_lobes([g1 as f32, g2 as f32], share as f32),
         settings::Phase::Droplets { diameter_um } => Phase::droplets(diameter_um),
-    };
+    }
+}
+
+/// Extinction of each channel over the largest, where it has a colour.
+fn tint(medium: &settings::Medium) -> Option<Vec3> {
     let most = medium.extinction_tint.iter().copied().fold(0.0, f64::max);
-    let mut built = Medium::new(grid, (medium.extinction * most) as f32, vec3(medium.albedo), phase);
-    built.tint = medium.is_tinted().then(|| vec3(medium.extinction_tint.map(|factor| factor / most)));
-    built.emission = vec3(medium.emission);
-    Ok(Some(built))
+    medium.is_tinted().then(|| vec3(medium.extinction_tint.map(|factor| factor / most)))
 }
 
 /// Lets smoke give off light besides: red, green and blue [W/(m³ sr)].

@@ -9,6 +9,7 @@ use crate::render::film::{Contribution, Film, PathCounts, Pixel, PixelBounds, Pi
 use crate::render::filter::Filter;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
+use crate::render::media::Media;
 use crate::render::medium::Medium;
 use crate::render::sampler::{Dimension, PixelSamples};
 use crate::render::world::World;
@@ -69,10 +70,18 @@ struct Tile {
 pub fn render(
     view: &View,
     world: &World,
-    medium: Option<&Medium>,
+    smoke: Option<&Medium>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
-    let integrator = Integrator { world, medium, limits: view.limits };
+    render_media(view, world, smoke.into(), progress)
+}
+
+/// As [`render`], through more than smoke.
+///
+/// # Errors
+/// As there.
+pub fn render_media(view: &View, world: &World, media: Media, progress: &dyn Progress) -> Result<Film, RenderError> {
+    let integrator = &Integrator { world, media, limits: view.limits };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
     let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();
     let tiles: Vec<PixelBounds> = rows
@@ -88,10 +97,10 @@ pub fn render(
     let (finished, spp) = match view.time_limit {
         None => {
             let paint =
-                |tile: &PixelBounds| render_tile(tile, view, &integrator, progress, |mut painter| painter.paint());
+                |tile: &PixelBounds| render_tile(tile, view, integrator, progress, |mut painter| painter.paint());
             (tiles.par_iter().map(paint).collect::<Result<Vec<Tile>, _>>()?, view.spp)
         }
-        Some(limit) => render_in_passes(&tiles, view, &integrator, progress, limit)?,
+        Some(limit) => render_in_passes(&tiles, view, integrator, progress, limit)?,
     };
     Ok(Film { spp, ..assemble(view, &tiles, &finished) })
 }

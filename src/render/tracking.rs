@@ -244,6 +244,6 @@ impl Flight {
 
 /// An exponentially distributed optical distance from a uniform number in [0, 1).
 #[inline]
-fn optical_distance(u: f32) -> f32 {
+pub fn optical_distance(u: f32) -> f32 {
     -(1.0 - u).ln()
 }

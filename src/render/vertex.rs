@@ -6,7 +6,7 @@ use crate::render::bsdf::Bsdf;
 use crate::render::color::Rgb;
 use crate::render::film::Contribution;
 use crate::render::light_path::FirstEvent;
-use crate::render::medium::Medium;
+use crate::render::medium::Matter;
 use glam::Vec3;
 
 /// A place where light changes direction.
@@ -15,8 +15,8 @@ pub enum Vertex<'a> {
     Smoke {
         /// Where.
         point: WorldPoint,
-        /// The smoke.
-        medium: &'a Medium,
+        /// What scatters there.
+        matter: Matter,
         /// Direction of travel of the path before.
         before: UnitVec3,
     },
@@ -70,7 +70,7 @@ impl Vertex<'_> {
     #[inline]
     pub fn value(&self, direction: UnitVec3) -> Rgb {
         match self {
-            Vertex::Smoke { medium, before, .. } => medium.albedo * medium.phase.value(*before, direction),
+            Vertex::Smoke { matter, before, .. } => matter.albedo * matter.phase.value(*before, direction),
             Vertex::Surface { hit, before, normal, bsdf } => {
                 if sides_agree(hit, *before, *normal, direction) {
                     bsdf.value(*normal, *before, direction)
@@ -85,7 +85,7 @@ impl Vertex<'_> {
     #[inline]
     pub fn pdf(&self, direction: UnitVec3) -> f32 {
         match self {
-            Vertex::Smoke { medium, before, .. } => medium.phase.value(*before, direction),
+            Vertex::Smoke { matter, before, .. } => matter.phase.value(*before, direction),
             Vertex::Surface { before, normal, bsdf, .. } => bsdf.pdf(*normal, *before, direction),
         }
     }
@@ -94,9 +94,9 @@ impl Vertex<'_> {
     #[inline]
     pub fn sample(&self, u: [f32; 3]) -> Option<Scattering> {
         match self {
-            Vertex::Smoke { medium, before, .. } => {
-                let s = medium.phase.sample(*before, [u[0], u[1]]);
-                Some(Scattering { direction: s.direction, pdf: Some(s.pdf), weight: medium.albedo, eta_sq: 1.0 })
+            Vertex::Smoke { matter, before, .. } => {
+                let s = matter.phase.sample(*before, [u[0], u[1]]);
+                Some(Scattering { direction: s.direction, pdf: Some(s.pdf), weight: matter.albedo, eta_sq: 1.0 })
             }
             Vertex::Surface { hit, before, normal, bsdf } => {
                 let s = bsdf.sample(*normal, *before, u)?;
@@ -115,9 +115,9 @@ impl Vertex<'_> {
     #[inline]
     pub fn describe(&self, out: &mut Contribution) {
         match self {
-            Vertex::Smoke { medium, .. } => {
+            Vertex::Smoke { matter, .. } => {
                 out.first = FirstEvent::Smoke;
-                out.albedo = medium.albedo;
+                out.albedo = matter.albedo;
             }
             Vertex::Surface { hit, normal, bsdf, .. } => {
                 out.first = FirstEvent::Surface;

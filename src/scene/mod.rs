@@ -16,6 +16,7 @@ pub mod validate;
 mod validate_flow;
 mod validate_material;
 mod validate_smoke;
+mod validate_volume;
 
 use crate::conform::conform;
 use crate::diagnostic::{Collector, Diagnostic, Fault, Place, Position, Severity, Source, nearest};

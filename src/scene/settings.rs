@@ -9,6 +9,7 @@ pub mod materials;
 pub mod output;
 pub mod shapes;
 pub mod smoke;
+pub mod volumes;
 
 pub use flow::*;
 pub use lights::*;
@@ -16,6 +17,7 @@ pub use materials::*;
 pub use output::*;
 pub use shapes::*;
 pub use smoke::*;
+pub use volumes::*;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -53,6 +55,10 @@ pub struct Settings {
     /// The smoke itself: emitters, or a density file.
     #[serde(default)]
     pub smoke: Option<Smoke>,
+    /// More that light flies through, by name: smoke from files and even mist inside shapes. Volumes overlap each other, the
+    /// smoke and shapes as they like: where they do, there is as much of all of them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub volumes: BTreeMap<String, Volume>,
     /// Light sources; at least one.
     #[serde(default)]
     pub lights: Vec<Light>,

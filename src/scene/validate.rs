@@ -6,7 +6,7 @@ use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
     Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Output, Part, Potential,
-    Settings, Shape, Smoke, Sun, Torus, Vec3,
+    Settings, Shape, Smoke, Sun, Torus, Vec3, Volume,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -35,6 +35,9 @@ pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path
     check.flow();
     if let Some(smoke) = &settings.smoke {
         check.smoke(smoke);
+    }
+    for (name, volume) in &settings.volumes {
+        check.volume(name, volume);
     }
     check.lights();
     check.output(&settings.output);
@@ -173,16 +176,24 @@ impl<'s> Check<'s, '_, '_> {
         }
     }
 
+    /// Whether a name in the map `section` can be part of a key path; reported where not.
+    pub(crate) fn is_plain_name(&mut self, section: &str, name: &str) -> bool {
+        let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+        if is_plain && !name.is_empty() && name.len() <= 64 {
+            return true;
+        }
+        // Such a name may look like a key path, so that its place cannot be found by path.
+        let place = self.tree.get(section).and_then(|section| section.node.get(name)).map(|entry| entry.key_place);
+        let message = "a name has 1 to 64 letters, digits, `_` and `-`";
+        let place = place.unwrap_or_else(|| self.tree.place_of(section));
+        self.collector.error(place, &format!("{section}.{name}"), message);
+        false
+    }
+
     fn shapes(&mut self) {
         for (name, shape) in &self.settings.shapes {
             let key = format!("shapes.{name}");
-            let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
-            if !is_plain || name.is_empty() || name.len() > 64 {
-                // Such a name may look like a key path, so that its place cannot be found by path.
-                let place =
-                    self.tree.get("shapes").and_then(|shapes| shapes.node.get(name)).map(|shape| shape.key_place);
-                let message = "a name has 1 to 64 letters, digits, `_` and `-`";
-                self.collector.error(place.unwrap_or_else(|| self.tree.place_of("shapes")), &key, message);
+            if !self.is_plain_name("shapes", name) {
                 continue;
             }
             let given = [
@@ -196,9 +207,11 @@ impl<'s> Check<'s, '_, '_> {
             ];
             self.exactly_one(&key, &given);
             self.shape(&key, shape);
-            if !shape.visible && !self.guides_flow(name) && !self.is_emitter(name) {
+            let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_ref() == Some(name));
+            if !shape.visible && !self.guides_flow(name) && !self.is_emitter(name) && !is_filled {
                 let key_visible = format!("{key}.visible");
-                let message = format!("`{name}` has no effect: it is invisible, no obstacle and no emitter");
+                let message =
+                    format!("`{name}` has no effect: it is invisible, no obstacle, no emitter and holds no volume");
                 self.warning(&key_visible, "flow.obstacles", message, "name it in `flow.obstacles`, or remove it");
             }
         }
@@ -380,7 +393,8 @@ impl<'s> Check<'s, '_, '_> {
         let lights = &self.settings.lights;
         let has_unknown_section = self.mended.iter().any(|path| !path.contains(['.', '[']));
         let glows = self.settings.shapes.values().any(|shape| shape.visible && !shape.material.emission().is_black())
-            || self.settings.smoke.as_ref().is_some_and(Smoke::glows);
+            || self.settings.smoke.as_ref().is_some_and(Smoke::glows)
+            || self.settings.volumes.values().any(Volume::glows);
         if lights.is_empty() && !has_unknown_section && !glows {
             let help = "for example `lights: [{environment: {radiance: [1, 1, 1]}}]`";
             self.error_help("lights", "lights", "without a light the picture is black", help);

@@ -2,7 +2,7 @@
 
 use crate::diagnostic::Fault;
 use crate::schema::decimal;
-use crate::settings::{CameraProjection, Emitter, Phase, Smoke};
+use crate::settings::{CameraProjection, Emitter, Medium, Phase, Remap, Smoke};
 use crate::unit::tidy;
 use crate::validate::Check;
 use crate::{footprint, resolve};
@@ -65,35 +65,42 @@ impl Check<'_, '_, '_> {
             self.emitter(&format!("smoke.emitters[{index}]"), emitter);
         }
         if let Some(file) = &smoke.file {
-            self.density_file(&file.path);
+            self.density_file("smoke.file.path", &file.path);
         }
-        let lobes: &[(&str, f64)] = match smoke.medium.phase {
+        self.matter("smoke", &smoke.medium, smoke.blackbody.is_some(), smoke.remap.as_ref());
+        // Hot smoke gives off as much as it absorbs.
+        if !smoke.medium.glows() {
+            self.visibility(smoke);
+        }
+    }
+
+    /// What smoke and volumes have in common; `key` is that of either.
+    pub(crate) fn matter(&mut self, key: &str, medium: &Medium, is_hot: bool, remap: Option<&Remap>) {
+        let scope = format!("{key}.medium");
+        let lobes: &[(&str, f64)] = match medium.phase {
             Phase::Isotropic | Phase::Droplets { .. } => &[],
             Phase::HenyeyGreenstein { g } => &[("henyey_greenstein.g", g)],
             Phase::TwoLobes { g1, g2, .. } => &[("two_lobes.g1", g1), ("two_lobes.g2", g2)],
         };
-        for (key, g) in lobes {
+        for (lobe, g) in lobes {
             if g.abs() > G_SENSIBLE {
                 let message = format!("|g| above {G_SENSIBLE} is very noisy");
                 let help = "smoke looks right from 0 to 0.8";
-                self.warning(&format!("smoke.medium.phase.{key}"), "smoke.medium", message, help);
+                self.warning(&format!("{scope}.phase.{lobe}"), &scope, message, help);
             }
         }
-        if smoke.blackbody.is_some() && smoke.medium.albedo.iter().all(|&albedo| albedo == 1.0) {
+        if is_hot && medium.albedo.iter().all(|&albedo| albedo == 1.0) {
             let message = "smoke of albedo 1 absorbs nothing, and so does not glow";
-            self.warning("smoke.blackbody", "smoke.medium", message, "lower `smoke.medium.albedo`");
+            self.warning(&format!("{key}.blackbody"), &scope, message, format!("lower `{scope}.albedo`"));
         }
-        if let Some(remap) = &smoke.remap {
+        if let Some(remap) = remap {
             let [low, high] = remap.in_range;
             if low >= high {
                 let message =
                     format!("the lowest density, {}, is not below the highest, {}", decimal(low), decimal(high));
-                self.error_help("smoke.remap.in_range", "smoke.remap", message, "write `[lowest, highest]`");
+                let scope = format!("{key}.remap");
+                self.error_help(&format!("{scope}.in_range"), &scope, message, "write `[lowest, highest]`");
             }
-        }
-        // Hot smoke gives off as much as it absorbs.
-        if !smoke.medium.glows() {
-            self.visibility(smoke);
         }
     }
 
@@ -224,8 +231,8 @@ impl Check<'_, '_, '_> {
         }
     }
 
-    fn density_file(&mut self, pattern: &str) {
-        let key = "smoke.file.path";
+    /// The .vdb files of all frames, which must be there.
+    pub(crate) fn density_file(&mut self, key: &str, pattern: &str) {
         let Some(pattern) = self.pattern(key, pattern, "vdb") else { return };
         let frames = &self.settings.frames;
         let count = i64::from(frames.last) - i64::from(frames.first) + 1;

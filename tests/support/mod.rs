@@ -8,12 +8,13 @@ use curlsmoke::math::space::WorldPoint;
 use curlsmoke::progress::Silent;
 use curlsmoke::render::film::PathCounts;
 use curlsmoke::render::integrator::Integrator;
+use curlsmoke::render::media::Media;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::sampler::Sampler;
 use curlsmoke::render::world::World;
 use curlsmoke::render::{self, TextureStore};
 use curlsmoke::scene::Scene;
-use glam::UVec3;
+use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -73,6 +74,18 @@ pub fn estimate(
     estimate_each(stage, medium, count, seed, |block, _| ray(block))
 }
 
+/// As [`estimate`], through more than smoke, of each channel.
+#[allow(dead_code)]
+pub fn estimate_colors(
+    stage: &Stage,
+    media: Media,
+    count: usize,
+    seed: u64,
+    ray: impl Fn(usize) -> Ray + Sync,
+) -> [Estimate; 3] {
+    estimate_media(stage, media, count, seed, |block, _| ray(block))
+}
+
 /// As [`estimate`], where the ray is `ray(block, i)` for each path of a block.
 pub fn estimate_each(
     stage: &Stage,
@@ -81,18 +94,28 @@ pub fn estimate_each(
     seed: u64,
     ray: impl Fn(usize, u32) -> Ray + Sync,
 ) -> Estimate {
+    estimate_media(stage, medium.into(), count, seed, ray)[0]
+}
+
+fn estimate_media(
+    stage: &Stage,
+    media: Media,
+    count: usize,
+    seed: u64,
+    ray: impl Fn(usize, u32) -> Ray + Sync,
+) -> [Estimate; 3] {
     const BLOCK: usize = 4096;
     let view = render::build_view(&stage.scene, 1, None);
-    let integrator = Integrator { world: &stage.world, medium, limits: view.limits };
+    let integrator = Integrator { world: &stage.world, media, limits: view.limits };
     let blocks = count.div_ceil(BLOCK);
-    let means: Vec<f64> = (0..blocks)
+    let means: Vec<DVec3> = (0..blocks)
         .into_par_iter()
         .map(|block| {
             let mut counts = PathCounts::default();
-            let sum: f64 = (0..BLOCK as u32)
+            let sum: DVec3 = (0..BLOCK as u32)
                 .map(|i| {
                     let mut sampler = Sampler::new(Seed(seed), block as u32, 0, i);
-                    f64::from(integrator.trace(ray(block, i), &mut sampler, &mut counts).radiance.x)
+                    integrator.trace(ray(block, i), &mut sampler, &mut counts).radiance.as_dvec3()
                 })
                 .sum();
             // Tests of single scattering cut on purpose; what is cut comes after the one direct connection they want.
@@ -101,7 +124,7 @@ pub fn estimate_each(
         })
         .collect();
     let n = means.len() as f64;
-    let mean = means.iter().sum::<f64>() / n;
-    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    Estimate { mean, standard_error: (variance / n).sqrt() }
+    let mean = means.iter().sum::<DVec3>() / n;
+    let variance = means.iter().map(|m| (*m - mean) * (*m - mean)).sum::<DVec3>() / (n - 1.0);
+    std::array::from_fn(|i| Estimate { mean: mean[i], standard_error: (variance[i] / n).sqrt() })
 }
