@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use curlsmoke::geometry::embree::{Ray, SceneBuilder};
 use curlsmoke::grid::DensityGrid;
-use curlsmoke::math::hash::{CounterRng, Seed};
+use curlsmoke::math::hash::Seed;
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::render::environment::Environment;
 use curlsmoke::render::film::PathCounts;
@@ -11,7 +11,7 @@ use curlsmoke::render::integrator::{Integrator, PathLimits};
 use curlsmoke::render::light::Light;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::phase::Phase;
-use curlsmoke::render::sampler::Sampler;
+use curlsmoke::render::sampler::{Sampler, Stream};
 use curlsmoke::render::sun::Sun;
 use curlsmoke::render::tracking::{estimate_transmittance, sample_collision};
 use curlsmoke::render::world::World;
@@ -45,7 +45,7 @@ fn tracking(c: &mut Criterion) {
     group.bench_function("collision", |b| {
         b.iter(|| {
             for (i, ray) in rays.iter().enumerate() {
-                let mut stream = CounterRng::new(Seed(1).derive(i as u64));
+                let mut stream = Stream::new(Seed(1).derive(i as u64));
                 let u = stream.uniform();
                 black_box(sample_collision(&medium, ray, f32::INFINITY, u, &mut stream, None));
             }
@@ -54,7 +54,7 @@ fn tracking(c: &mut Criterion) {
     group.bench_function("transmittance", |b| {
         b.iter(|| {
             for (i, ray) in rays.iter().enumerate() {
-                let mut stream = CounterRng::new(Seed(1).derive(i as u64));
+                let mut stream = Stream::new(Seed(1).derive(i as u64));
                 black_box(estimate_transmittance(&medium, ray, f32::INFINITY, &mut stream));
             }
         });

@@ -12,6 +12,7 @@ use curlsmoke::progress::Silent;
 use curlsmoke::render;
 use curlsmoke::render::even::EvenMedium;
 use curlsmoke::render::media::{Media, Volume};
+use curlsmoke::render::sampler::Stream;
 use curlsmoke::scene::Scene;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
@@ -169,7 +170,7 @@ fn a_ball_dims_light_by_the_law_of_its_chord() {
         let beam = ray([0.0, height, 5.0], [0.0, 0.0, -1.0]);
         let chord = 2.0 * f64::from((1.0 - height * height).max(0.0).sqrt());
         let expected = [1.0, 0.5, 0.0].map(|ratio| (-1.5 * ratio * chord).exp());
-        let mut stream = CounterRng::new(Seed(1));
+        let mut stream = Stream::new(Seed(1));
         let exact = Media::new(None, &volumes).transmittance(&beam, 100.0, &mut stream);
         let by_mesh = Media::new(None, &of_triangles).transmittance(&beam, 100.0, &mut stream);
         let found = estimate_colors(&stage, Media::new(None, &volumes), 200_000, 3, |_| beam);

@@ -5,8 +5,9 @@ use crate::setting::{lumps, mean_of, medium, ray, scene};
 use crate::slabs::SKY;
 use crate::support::{centered_grid, estimate};
 use crate::voxels::Voxels;
-use curlsmoke::math::hash::{CounterRng, Seed};
+use curlsmoke::math::hash::Seed;
 use curlsmoke::math::statistics::chi_square_test;
+use curlsmoke::render::sampler::Stream;
 use curlsmoke::render::tracking::{Event, estimate_transmittance, sample_collision};
 
 pub fn rows(report: &mut Report) {
@@ -35,7 +36,7 @@ fn beer_lambert(report: &mut Report) {
     for tau in [1.0, 5.0, 9.0] {
         let stage = scene(&format!("extinction: {}, albedo: [0, 0, 0]", tau / column), SKY);
         let medium = medium(&stage, voxels.grid());
-        let shadow = |rng: &mut CounterRng| f64::from(estimate_transmittance(&medium, &beam, 10.0, rng));
+        let shadow = |rng: &mut Stream| f64::from(estimate_transmittance(&medium, &beam, 10.0, rng));
         report.row(&format!("lumps, shadow ray, τ = {tau}"), f64::exp(-tau), mean_of(6_000_000, report.seed(), shadow));
         if tau < 6.0 {
             let found = estimate(&stage, Some(&medium), 2_000_000, report.seed(), |_| beam);
@@ -91,7 +92,7 @@ fn flights(report: &mut Report) {
         const SAMPLES: usize = 200_000;
         let escape = (-depth(10.0)).exp();
         let mut counts = [0.0; CELLS + 1];
-        let mut rng = CounterRng::new(Seed(6).derive(i as u64));
+        let mut rng = Stream::new(Seed(6).derive(i as u64));
         for _ in 0..SAMPLES {
             let u = rng.uniform();
             let cell = match sample_collision(&medium, &beam, 10.0, u, &mut rng, None) {

@@ -8,11 +8,16 @@ use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::math::statistics::chi_square_test;
 use curlsmoke::render::ball::Ball;
-use curlsmoke::render::bsdf::Bsdf;
+use curlsmoke::render::bsdf::conductor::{Metal, MetalColor};
+use curlsmoke::render::bsdf::dielectric::Glass;
+use curlsmoke::render::bsdf::plastic::Plastic;
+use curlsmoke::render::bsdf::principled::{Principled, PrincipledSettings};
+use curlsmoke::render::bsdf::{Bsdf, metals};
 use curlsmoke::render::filter::Filter;
 use curlsmoke::render::light::Light;
 use curlsmoke::render::panel::{Outline, Panel};
 use curlsmoke::render::phase::{Lobe, Phase};
+use curlsmoke::render::sun::Sun;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -28,8 +33,8 @@ pub fn rows(report: &mut Report) {
         "Samplers",
         "Counts in cells of the sphere (or of the pixel's surroundings) against the integral of the density over each cell, by \
          Pearson's chi-square: p is the chance of counts so far off. The densities of phase functions, of diffuse surfaces, \
-         of lights and of the film's filter are written here again in f64; that of the sky is its own, which other \
-         samplers are weighed against, so that it must be true. The film's filter is taken in cells of equal weight: the sampler \
+         of lights and of the film's filter are written here again in f64; those of the sky and of other surfaces are their own, \
+         which other samplers are weighed against, so that they must be true. The film's filter is taken in cells of equal weight: the sampler \
          spreads the window's first and last thousandth evenly, which finer cells would show.",
     );
     let before = unit(DVec3::new(0.3, -0.5, 0.8));
@@ -40,7 +45,7 @@ pub fn rows(report: &mut Report) {
         sphere(
             report,
             &format!("Henyey–Greenstein, g = {g}"),
-            |u| Some(phase.sample(before, u).direction),
+            |[a, b, _]| Some(phase.sample(before, [a, b]).direction),
             |d| density(axis.dot(d)),
         );
     }
@@ -49,7 +54,7 @@ pub fn rows(report: &mut Report) {
     sphere(
         report,
         "two lobes, g = 0.8 and −0.3",
-        |u| Some(two.sample(before, u).direction),
+        |[a, b, _]| Some(two.sample(before, [a, b]).direction),
         |d| 0.7 * narrow(axis.dot(d)) + 0.3 * wide(axis.dot(d)),
     );
     // Draine 2003, equation 9.
@@ -59,7 +64,7 @@ pub fn rows(report: &mut Report) {
     sphere(
         report,
         "Draine, g = 0.5, α = 20",
-        |u| Some(draine.sample(before, u).direction),
+        |[a, b, _]| Some(draine.sample(before, [a, b]).direction),
         |d| {
             let c: f64 = axis.dot(d);
             base(c) * (1.0 + alpha * c * c) / (1.0 + alpha * (1.0 + 2.0 * g * g) / 3.0)
@@ -69,12 +74,13 @@ pub fn rows(report: &mut Report) {
     sphere(
         report,
         "diffuse surface",
-        |u| diffuse.sample(before, -before, [u[0], u[1], 0.5]).map(|s| s.direction),
+        |u| diffuse.sample(before, -before, u).map(|s| s.direction),
         |d| axis.dot(d).max(0.0) / PI,
     );
     let sky = skies::sky();
     let own = |d: DVec3| f64::from(sky.pdf(unit(d)));
-    sphere(report, "sky", |u| Some(sky.sample(u).direction), own);
+    sphere(report, "sky", |[a, b, _]| Some(sky.sample([a, b]).direction), own);
+    surfaces(report, before);
     lights(report);
     filters(report);
     report.end();
@@ -86,7 +92,8 @@ fn lights(report: &mut Report) {
     let near = Light::Ball(Ball::new(WorldPoint(center.as_vec3()), 0.8, Vec3::ONE));
     let offset = center - from.0.as_dvec3();
     let cosine_max = (1.0 - 0.64 / offset.length_squared()).sqrt();
-    let towards = |light: &Light, from: WorldPoint, u: [f32; 2]| light.sample(from, u).map(|s| s.direction);
+    let towards =
+        |light: &Light, from: WorldPoint, [a, b, _]: [f32; 3]| light.sample(from, [a, b]).map(|s| s.direction);
     // Even over the cone under which it is seen.
     sphere(
         report,
@@ -98,33 +105,84 @@ fn lights(report: &mut Report) {
     );
     let inside = WorldPoint((center + DVec3::new(0.3, -0.2, 0.1)).as_vec3());
     sphere(report, "ball from inside", |u| towards(&near, inside, u), |_| 0.25 / PI);
+    let sun = Light::Sun(Sun::new(unit(DVec3::new(0.4, -0.8, 0.3)), Vec3::ONE, 60.0, false));
+    let to_sun = -unit(DVec3::new(0.4, -0.8, 0.3)).as_vec3().as_dvec3();
+    let cosine = 30f64.to_radians().cos();
+    let even_cone = |d: DVec3| if d.dot(to_sun) > cosine { 1.0 / (TAU * (1.0 - cosine)) } else { 0.0 };
+    sphere(report, "sun, 60° wide", |u| towards(&sun, from, u), even_cone);
     let (u, v) = (DVec3::new(0.8, 0.1, 0.0), DVec3::new(0.2, 0.0, 0.9));
     let middle = DVec3::new(0.4, 0.9, 0.0);
-    let rectangle =
-        Panel::try_new(Outline::Rectangle, WorldPoint(middle.as_vec3()), u.as_vec3(), v.as_vec3(), Vec3::ONE);
-    let rectangle = Light::Panel(rectangle.expect("it has an area"));
+    let panel = |outline| {
+        let panel = Panel::try_new(outline, WorldPoint(middle.as_vec3()), u.as_vec3(), v.as_vec3(), Vec3::ONE);
+        Light::Panel(panel.expect("it has an area"))
+    };
+    let (rectangle, disk) = (panel(Outline::Rectangle), panel(Outline::Disk));
     // Even over its area: distance squared over cosine and area, per solid angle.
     let across = u.cross(v);
     let origin = from.0.as_dvec3();
+    // Where a direction meets the plane, in halves of its edges, and the density for an area [m²] of it.
+    let met = |d: DVec3, area: f64| {
+        let t = (middle - origin).dot(across) / d.dot(across);
+        let p = origin + d * t - middle;
+        let place = [p.cross(v).dot(across), u.cross(p).dot(across)].map(|x| x / across.length_squared());
+        (place, if t > 0.0 { t * t * across.length() / (d.dot(across).abs() * area) } else { 0.0 })
+    };
     sphere(
         report,
         "rectangle",
         |u| towards(&rectangle, from, u),
         |d| {
-            let t = (middle - origin).dot(across) / d.dot(across);
-            let p = origin + d * t - middle;
-            let (a, b) = (p.cross(v).dot(across), u.cross(p).dot(across));
-            let is_met = t > 0.0 && a.abs().max(b.abs()) <= across.length_squared();
-            if is_met { t * t * across.length() / (d.dot(across).abs() * 4.0 * across.length()) } else { 0.0 }
+            let ([a, b], density) = met(d, 4.0 * across.length());
+            if a.abs().max(b.abs()) <= 1.0 { density } else { 0.0 }
+        },
+    );
+    sphere(
+        report,
+        "disk, stretched",
+        |u| towards(&disk, from, u),
+        |d| {
+            let ([a, b], density) = met(d, PI * across.length());
+            if a.hypot(b) <= 1.0 { density } else { 0.0 }
         },
     );
 }
 
-/// A sampler of directions from two uniform numbers against a density per solid angle.
+/// Surfaces against the densities that other samplers are weighed with.
+fn surfaces(report: &mut Report, before: UnitVec3) {
+    let normal = unit(DVec3::new(-0.2, 0.9, -0.4));
+    let (metal, glass, plastic) = (Metal::new(0.3), Glass::new(1.5, 0.4), Plastic::new(1.5, 0.3));
+    let mix = Principled::new(&PrincipledSettings {
+        metallic: 0.3,
+        roughness: 0.6,
+        ior: 1.5,
+        transmission: 0.5,
+        coat: 0.7,
+        coat_roughness: 0.4,
+    });
+    let gold = MetalColor::measured(metals::GOLD.eta, metals::GOLD.k);
+    let color = Vec3::new(0.8, 0.5, 0.2);
+    let all = [
+        ("gold, roughness 0.3", Bsdf::Conductor { metal: &metal, color: gold, tint: Vec3::ONE }),
+        ("glass, roughness 0.4, from outside", Bsdf::Dielectric { glass: &glass, tint: color, is_front: true }),
+        ("glass, roughness 0.4, from inside", Bsdf::Dielectric { glass: &glass, tint: color, is_front: false }),
+        ("plastic, roughness 0.3", Bsdf::Plastic { plastic: &plastic, reflectance: color }),
+        ("principled, of all parts", Bsdf::Principled { model: &mix, base_color: color, is_front: true }),
+    ];
+    for (name, bsdf) in all {
+        sphere(
+            report,
+            name,
+            |u| bsdf.sample(normal, before, u).map(|s| s.direction),
+            |d| f64::from(bsdf.pdf(normal, before, unit(d))),
+        );
+    }
+}
+
+/// A sampler of directions from up to three uniform numbers against a density per solid angle.
 fn sphere(
     report: &mut Report,
     name: &str,
-    sample: impl Fn([f32; 2]) -> Option<UnitVec3> + Sync,
+    sample: impl Fn([f32; 3]) -> Option<UnitVec3> + Sync,
     density: impl Fn(DVec3) -> f64 + Sync,
 ) {
     let [rows, columns] = CELLS;
@@ -136,7 +194,7 @@ fn sphere(
     let mut rng = CounterRng::new(Seed(81));
     let mut counts = vec![0.0; rows * columns];
     for _ in 0..SAMPLES {
-        if let Some(direction) = sample([rng.uniform(), rng.uniform()]) {
+        if let Some(direction) = sample([rng.uniform(), rng.uniform(), rng.uniform()]) {
             counts[cell(direction)] += 1.0;
         }
     }

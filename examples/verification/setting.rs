@@ -3,12 +3,13 @@
 use crate::support::{Estimate, Stage, stage};
 use curlsmoke::geometry::embree::Ray;
 use curlsmoke::grid::DensityGrid;
-use curlsmoke::math::hash::{CounterRng, Seed};
+use curlsmoke::math::hash::Seed;
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::math::statistics::Moments;
 use curlsmoke::render;
 use curlsmoke::render::light::Light;
 use curlsmoke::render::medium::Medium;
+use curlsmoke::render::sampler::Stream;
 use curlsmoke::render::world::World;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -58,12 +59,12 @@ pub fn lumps(p: WorldPoint) -> f32 {
 }
 
 /// Mean of what a function makes of random numbers.
-pub fn mean_of(count: usize, seed: u64, value: impl Fn(&mut CounterRng) -> f64 + Sync) -> Estimate {
+pub fn mean_of(count: usize, seed: u64, value: impl Fn(&mut Stream) -> f64 + Sync) -> Estimate {
     const BLOCK: usize = 4096;
     let blocks: Vec<f64> = (0..count.div_ceil(BLOCK))
         .into_par_iter()
         .map(|block| {
-            let mut rng = CounterRng::new(Seed(seed).derive(block as u64));
+            let mut rng = Stream::new(Seed(seed).derive(block as u64));
             (0..BLOCK).map(|_| value(&mut rng)).sum::<f64>() / BLOCK as f64
         })
         .collect();

@@ -202,6 +202,7 @@ mod tests {
     use crate::math::hash::{CounterRng, Seed};
     use crate::math::space::{UnitVec3, WorldPoint};
     use crate::render::phase::Phase;
+    use crate::render::sampler::Stream;
     use crate::render::tracking::{Event, estimate_transmittance, sample_collision};
     use glam::{UVec3, Vec3};
 
@@ -253,7 +254,7 @@ mod tests {
         let medium = medium(3000.0, |p| if p.0.x < 0.0 { 0.001 * lumps(p) } else { 1.0 });
         let ray = Ray { origin: WorldPoint::new(-2.0, 0.03, 0.11), direction: UnitVec3::try_new(Vec3::X).unwrap() };
         let line = medium.ray_to_index(&ray);
-        let mut stream = CounterRng::new(Seed(9));
+        let mut stream = Stream::new(Seed(9));
         let n = 100_000;
         let mut depths: Vec<f64> = (0..n)
             .map(|_| {
@@ -286,7 +287,7 @@ mod tests {
         let start = std::time::Instant::now();
         for extinction in [1e3, 1e9, 1e15, 1e20] {
             let spot = medium(extinction, |p| f32::from(p.0.abs().max_element() < 0.06));
-            let mut stream = CounterRng::new(Seed(3));
+            let mut stream = Stream::new(Seed(3));
             for ray in rays() {
                 let u = stream.uniform();
                 sample_collision(&spot, &ray, f32::INFINITY, u, &mut stream, None);

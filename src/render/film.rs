@@ -69,6 +69,8 @@ pub struct Contribution {
     pub albedo: Rgb,
     /// Scatterings.
     pub bounces: u32,
+    /// Null collisions of its flights and connections.
+    pub null_collisions: u32,
     /// Whether the ways of light are told apart: where no layer asks for them, `by_passage` and `by_group` stay black.
     pub tells_ways: bool,
     /// Radiance by the way it came; adds to `radiance`.
@@ -97,6 +99,7 @@ impl Contribution {
             normal: Vec3::ZERO,
             albedo: Rgb::ZERO,
             bounces: 0,
+            null_collisions: 0,
             tells_ways,
             by_passage: [Rgb::ZERO; Passage::ALL.len()],
             by_group: [Rgb::ZERO; GROUP_MAX],

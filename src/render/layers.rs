@@ -40,6 +40,8 @@ pub enum Layer {
     Cryptomatte(Vec<String>),
     /// Scatterings of a path, mean over paths.
     Bounces,
+    /// Null collisions of a path, mean over paths: how much work it was, and where bounds of the density are far from it.
+    NullCollisions,
     /// Paths of the pixel.
     Samples,
 }
@@ -83,6 +85,7 @@ impl Layer {
                 .flat_map(|level| parts(&format!("{}{level:02}", cryptomatte::NAME), &["R", "G", "B", "A"]))
                 .collect(),
             Self::Bounces => vec!["bounces".into()],
+            Self::NullCollisions => vec!["null_collisions".into()],
             Self::Samples => vec!["samples".into()],
         }
     }
@@ -90,7 +93,12 @@ impl Layer {
     /// How many channels it has.
     pub fn channel_count(&self) -> usize {
         match self {
-            Self::Depth | Self::ShapeId | Self::Transmittance | Self::Bounces | Self::Samples => 1,
+            Self::Depth
+            | Self::ShapeId
+            | Self::Transmittance
+            | Self::Bounces
+            | Self::NullCollisions
+            | Self::Samples => 1,
             Self::Cryptomatte(_) => 2 * cryptomatte::RANKS,
             _ => 3,
         }
@@ -123,6 +131,7 @@ impl Layer {
             Self::Light(passage) => path.by_passage[*passage as usize],
             Self::LightGroup(_, group) => path.by_group[*group],
             Self::Bounces => Vec3::splat(path.bounces as f32),
+            Self::NullCollisions => Vec3::splat(path.null_collisions as f32),
             _ => Vec3::ZERO,
         }
     }

@@ -9,7 +9,6 @@
 //! path: it is one of the things that may happen beyond the end, and all that may happen there adds up to 1 for every channel.
 
 use crate::geometry::embree::Ray;
-use crate::math::hash::CounterRng;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::dense::{self, ViewThrough};
@@ -17,6 +16,7 @@ use crate::render::equiangular::{flight_density, optical_depth};
 use crate::render::even::EvenMedium;
 use crate::render::glow;
 use crate::render::medium::{Matter, Medium};
+use crate::render::sampler::Stream;
 use crate::render::through::{Column, view_through_all};
 use crate::render::tracking::{
     Event, estimate_tinted_transmittance, estimate_transmittance, optical_distance, sample_collision,
@@ -102,7 +102,7 @@ impl<'a> Media<'a> {
         ray: &Ray,
         t_max: f32,
         u: f32,
-        stream: &mut CounterRng,
+        stream: &mut Stream,
         chroma: Option<&mut Chroma>,
     ) -> Option<(f32, Matter)> {
         if !self.volumes.is_empty() {
@@ -121,7 +121,7 @@ impl<'a> Media<'a> {
         ray: &Ray,
         t_max: f32,
         u: f32,
-        stream: &mut CounterRng,
+        stream: &mut Stream,
         mut chroma: Option<&mut Chroma>,
     ) -> Option<(f32, Matter)> {
         let mut nearest = None;
@@ -150,7 +150,7 @@ impl<'a> Media<'a> {
 
     /// An unbiased estimate of the transmittance from the ray's origin to distance `t_max` [m], each channel in [0, 1].
     #[inline]
-    pub fn transmittance(&self, ray: &Ray, t_max: f32, stream: &mut CounterRng) -> Rgb {
+    pub fn transmittance(&self, ray: &Ray, t_max: f32, stream: &mut Stream) -> Rgb {
         if self.volumes.is_empty() {
             return self.smoke.map_or(Vec3::ONE, |medium| grid_transmittance(medium, ray, t_max, stream));
         }
@@ -204,7 +204,7 @@ impl<'a> Media<'a> {
 
     /// What a collision at distance `t` of the ray is with; chosen by the extinctions there where volumes overlap. `None` where
     /// there is nothing.
-    pub fn met_at(&self, ray: &Ray, t: f32, stream: &mut CounterRng) -> Option<Matter> {
+    pub fn met_at(&self, ray: &Ray, t: f32, stream: &mut Stream) -> Option<Matter> {
         if self.volumes.is_empty() {
             return self.smoke.map(Medium::matter);
         }
@@ -279,7 +279,7 @@ impl Each<'_> {
     }
 }
 
-fn grid_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut CounterRng) -> Rgb {
+fn grid_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut Stream) -> Rgb {
     match medium.tint {
         None => Vec3::splat(estimate_transmittance(medium, ray, t_max, stream)),
         Some(ratios) => estimate_tinted_transmittance(medium, ratios, ray, t_max, stream),

@@ -336,6 +336,7 @@ fn layers(settings: &settings::Settings) -> Vec<Layer> {
             Aov::LightGroups => group_layers(&settings.light_groups()),
             Aov::Cryptomatte => vec![Layer::Cryptomatte(settings.shapes.keys().cloned().collect())],
             Aov::Bounces => vec![Layer::Bounces],
+            Aov::NullCollisions => vec![Layer::NullCollisions],
             Aov::Samples => vec![Layer::Samples],
         };
         for layer in more {

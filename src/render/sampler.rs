@@ -79,7 +79,7 @@ impl PixelSamples {
             square: Seed(self.square.0 ^ u64::from(block)),
             index: self.start | index,
             points: self.points,
-            stream: CounterRng::new(self.pixel.derive(u64::from(sample))),
+            stream: Stream::new(self.pixel.derive(u64::from(sample))),
         }
     }
 }
@@ -112,13 +112,35 @@ fn spread_bits(x: u32) -> u32 {
     (x | x << 1) & 0x5555_5555
 }
 
+/// Random numbers for decisions of unknown number, and a count of those that changed nothing but the noise.
+#[derive(Debug, Clone)]
+pub struct Stream {
+    rng: CounterRng,
+    /// Collisions with nothing that flights and connections had so far, because bounds of the density are not the density.
+    pub null_collisions: u32,
+}
+
+impl Stream {
+    /// The stream of a key from its start.
+    #[inline]
+    pub fn new(seed: Seed) -> Self {
+        Self { rng: CounterRng::new(seed), null_collisions: 0 }
+    }
+
+    /// The next number, uniform in [0, 1).
+    #[inline]
+    pub fn uniform(&mut self) -> f32 {
+        self.rng.uniform()
+    }
+}
+
 /// The random numbers of one path.
 #[derive(Debug, Clone)]
 pub struct Sampler {
     points: &'static SobolTable,
     square: Seed,
     index: u32,
-    stream: CounterRng,
+    stream: Stream,
 }
 
 impl Sampler {
@@ -146,7 +168,7 @@ impl Sampler {
 
     /// The stream for decisions of unknown number: null collisions and transmittance.
     #[inline]
-    pub fn stream(&mut self) -> &mut CounterRng {
+    pub fn stream(&mut self) -> &mut Stream {
         &mut self.stream
     }
 }

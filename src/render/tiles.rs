@@ -244,6 +244,7 @@ impl<'a> PixelPainter<'a> {
             let contribution = &mut self.contribution;
             contribution.clear();
             self.integrator.trace_into(contribution, ray, &mut sampler, self.counts);
+            contribution.null_collisions = sampler.stream().null_collisions;
             if !contribution.radiance.is_finite() {
                 return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
             }

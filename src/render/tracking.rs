@@ -8,11 +8,11 @@
 use crate::geometry::embree::Ray;
 use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::Segment;
-use crate::math::hash::CounterRng;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::dense::{self, Crossing};
 use crate::render::medium::Medium;
+use crate::render::sampler::Stream;
 use glam::Vec3;
 
 /// Transmittance below which a shadow ray plays roulette: lower wastes steps behind thick smoke, higher adds noise to
@@ -43,7 +43,7 @@ pub fn sample_collision(
     ray: &Ray,
     t_max: f32,
     u: f32,
-    stream: &mut CounterRng,
+    stream: &mut Stream,
     mut chroma: Option<&mut Chroma>,
 ) -> Event {
     let mut flight = Flight { tau_left: optical_distance(u) };
@@ -75,6 +75,7 @@ pub fn sample_collision(
             if let Some(chroma) = chroma.as_deref_mut() {
                 chroma.pass(sigma_t / piece.sigma_maj);
             }
+            stream.null_collisions += 1;
             flight.tau_left = optical_distance(stream.uniform());
         }
     }
@@ -102,13 +103,7 @@ fn cross_in_color(piece: &Piece, flight: &mut Flight, chroma: &mut Chroma) -> Op
 }
 
 /// As [`estimate_transmittance`], for each channel of smoke with a tint: `ratios` are the extinctions over the largest.
-pub fn estimate_tinted_transmittance(
-    medium: &Medium,
-    ratios: Vec3,
-    ray: &Ray,
-    t_max: f32,
-    stream: &mut CounterRng,
-) -> Rgb {
+pub fn estimate_tinted_transmittance(medium: &Medium, ratios: Vec3, ray: &Ray, t_max: f32, stream: &mut Stream) -> Rgb {
     let mut transmittance = Vec3::ONE;
     let line = medium.ray_to_index(ray);
     let mut flight = Flight { tau_left: optical_distance(stream.uniform()) };
@@ -125,6 +120,7 @@ pub fn estimate_tinted_transmittance(
         }
         while let Some(sigma_t) = flight.next_candidate(&mut piece) {
             transmittance *= Vec3::ONE - sigma_t / piece.sigma_maj * ratios;
+            stream.null_collisions += 1;
             if !survives_in_color(&mut transmittance, stream) {
                 return Vec3::ZERO;
             }
@@ -135,7 +131,7 @@ pub fn estimate_tinted_transmittance(
 }
 
 /// Plays roulette for the largest channel, the others keeping their ratios to it.
-fn survives_in_color(transmittance: &mut Rgb, stream: &mut CounterRng) -> bool {
+fn survives_in_color(transmittance: &mut Rgb, stream: &mut Stream) -> bool {
     let largest = transmittance.max_element();
     let mut kept = largest;
     if !survives(&mut kept, stream) {
@@ -146,7 +142,7 @@ fn survives_in_color(transmittance: &mut Rgb, stream: &mut CounterRng) -> bool {
 }
 
 /// An unbiased estimate, in [0, 1], of the transmittance from the ray's origin to distance `t_max` [m].
-pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut CounterRng) -> f32 {
+pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut Stream) -> f32 {
     let mut transmittance = 1.0;
     let mut flight: Option<Flight> = None;
     let line = medium.ray_to_index(ray);
@@ -165,6 +161,7 @@ pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &m
         let flight = flight.get_or_insert_with(|| Flight { tau_left: optical_distance(stream.uniform()) });
         while let Some(sigma_t) = flight.next_candidate(&mut piece) {
             transmittance *= 1.0 - sigma_t / piece.sigma_maj;
+            stream.null_collisions += 1;
             if !survives(&mut transmittance, stream) {
                 return 0.0;
             }
@@ -176,7 +173,7 @@ pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &m
 
 /// Plays roulette for a small transmittance; false where it is lost, which makes it 0.
 #[inline]
-fn survives(transmittance: &mut f32, stream: &mut CounterRng) -> bool {
+fn survives(transmittance: &mut f32, stream: &mut Stream) -> bool {
     if *transmittance < ROULETTE_BELOW {
         if stream.uniform() * ROULETTE_BELOW >= *transmittance {
             return false;
@@ -246,4 +243,65 @@ impl Flight {
 #[inline]
 pub fn optical_distance(u: f32) -> f32 {
     -(1.0 - u).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::DensityGrid;
+    use crate::math::hash::Seed;
+    use crate::math::space::{UnitVec3, WorldPoint};
+    use crate::render::phase::Phase;
+    use glam::UVec3;
+
+    /// Of a flight the bound exceeds the extinction at, on average, as many collisions as the difference of both along the
+    /// ray says, weighed with the chance to get there; of a connection, which goes on, at as many as the bound says.
+    #[test]
+    fn null_collisions_are_as_many_as_bounds_exceed_densities() {
+        let corner = WorldPoint::new(-0.8, -0.8, -0.8);
+        let grid = DensityGrid::from_fn(corner, 0.1, UVec3::splat(16), 1 << 24, |p| {
+            (7.0 * p.0.x).sin().max(0.0) * (5.0 * p.0.y).cos().max(0.0)
+        });
+        let medium = Medium::new(grid.expect("small"), 3.0, Vec3::ONE, Phase::HenyeyGreenstein { g: 0.0 });
+        let direction = UnitVec3::try_new(Vec3::new(0.9, 0.2, 0.3)).expect("not zero");
+        let ray = Ray { origin: WorldPoint::new(-1.3, -0.1, -0.2), direction };
+        let line = medium.ray_to_index(&ray);
+        let (mut tau, mut flights, mut connections) = (0.0, 0.0, 0.0);
+        for piece in medium.majorants(&ray, f32::INFINITY) {
+            const STEPS: usize = 400;
+            let dt = f64::from(piece.t1 - piece.t0) / STEPS as f64;
+            let sigma_maj = f64::from(piece.density_max * medium.extinction());
+            for i in 0..STEPS {
+                let t = f64::from(piece.t0) + (i as f64 + 0.5) * dt;
+                let sigma_t = f64::from(medium.sigma_t(line.at(t as f32)));
+                tau += sigma_t * dt;
+                flights += (sigma_maj - sigma_t) * (-tau).exp() * dt;
+                connections += sigma_maj * dt;
+            }
+        }
+        assert!(tau > 0.3 && tau < 2.0, "{tau}: no roulette may end a connection");
+        let n = 200_000;
+        let mean = |walk: &dyn Fn(&mut Stream)| {
+            let counts = (0..n).map(|i| {
+                let mut stream = Stream::new(Seed(5).derive(i));
+                walk(&mut stream);
+                f64::from(stream.null_collisions)
+            });
+            counts.sum::<f64>() / n as f64
+        };
+        let flown = mean(&|stream| {
+            let u = stream.uniform();
+            sample_collision(&medium, &ray, f32::INFINITY, u, stream, None);
+        });
+        let connected = mean(&|stream| {
+            estimate_transmittance(&medium, &ray, f32::INFINITY, stream);
+        });
+        // Five standard errors of a count that is nearly Poisson's; a connection plays roulette where little is left.
+        let error = |expected: f64| 5.0 * (expected / n as f64).sqrt();
+        assert!((flown - flights).abs() < error(flights), "{flown} {flights}");
+        assert!(
+            connected <= connections + error(connections) && connected > 0.8 * connections,
+            "{connected} {connections}"
+        );
+    }
 }

@@ -89,6 +89,9 @@ pub enum Aov {
     Cryptomatte,
     /// Scatterings of a path, on average. Channel bounces.
     Bounces,
+    /// Null collisions of a path, on average: how much work the smoke was, and where bounds of the density are far above it.
+    /// Channel null_collisions.
+    NullCollisions,
     /// Paths of the pixel: differ with `film.noise_target`. Channel samples.
     Samples,
 }
@@ -97,7 +100,12 @@ impl Aov {
     /// Most channels that it has.
     pub fn channel_count(self, group_count: usize) -> usize {
         match self {
-            Self::Depth | Self::ShapeId | Self::Transmittance | Self::Bounces | Self::Samples => 1,
+            Self::Depth
+            | Self::ShapeId
+            | Self::Transmittance
+            | Self::Bounces
+            | Self::NullCollisions
+            | Self::Samples => 1,
             Self::Position | Self::Normal | Self::Albedo | Self::Variance | Self::VolumeDepth => 3,
             Self::Passages => 18,
             Self::Cryptomatte => 12,
