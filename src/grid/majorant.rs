@@ -18,7 +18,7 @@ const CELLS_PER_BRICK: usize = BRICK_EDGE / CELL_EDGE;
 /// A point computed from origin, direction and `t` can lie outside its segment's cell by rounding; bounds hold this far
 /// outside [voxels].
 const SLACK: f32 = 1.0 / 1024.0;
-/// Direction components smaller than this never leave a cell within any representable scene.
+/// Direction components smaller than this [cells/m] never leave a cell within any representable scene.
 const PARALLEL: f32 = 1e-20;
 /// Longest jump over empty cells; finding longer ones costs more than they save.
 const MAX_JUMP: usize = 8;
@@ -157,7 +157,7 @@ fn sweep(cells: &mut [f32], dims: UVec3, is_forward: bool) {
 /// The segments of a ray on which there may be density, in increasing `t`. Between segments, before the first and after
 /// the last there is none.
 ///
-/// Along axes that the ray is parallel to, no face is ever reached: `next` is infinite.
+/// Along axes that the ray is parallel to, no face is ever reached: `next` is far beyond any scene.
 #[derive(Debug, Clone)]
 pub struct MajorantIterator<'a> {
     cells: &'a [f32],
@@ -181,38 +181,35 @@ impl<'a> MajorantIterator<'a> {
         let direction = Vec3A::from(direction.as_vec3() * grid.inverse_cell_size);
         let dims = grid.cells.dims();
         let size = dims.as_vec3a();
-        let speed = direction.abs();
-        let is_parallel = speed.cmple(Vec3A::splat(PARALLEL));
-        let is_forward = direction.cmpgt(Vec3A::ZERO);
+        // Along an axis that it is parallel to the ray creeps, so that it comes to no face and nothing is divided by 0.
+        let is_parallel = direction.abs().cmple(Vec3A::splat(PARALLEL));
+        let direction = Vec3A::select(is_parallel, Vec3A::splat(PARALLEL), direction);
         let inverse = direction.recip();
-        // Where the ray is within the slabs of the lattice; an axis it is parallel to only says yes or no.
         let (a, b) = (-origin * inverse, (size - origin) * inverse);
-        let enter = Vec3A::select(is_parallel, Vec3A::NEG_INFINITY, a.min(b)).max_element();
-        let leave = Vec3A::select(is_parallel, Vec3A::INFINITY, a.max(b)).min_element();
-        let is_between = (!is_parallel | (origin.cmpge(Vec3A::ZERO) & origin.cmplt(size))).all();
-        let (t, mut t_max) = (t_min.max(enter), t_max.min(leave));
+        let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+        let t = if t_min > enter { t_min } else { enter };
+        let mut t_max = if t_max < leave { t_max } else { leave };
         // False where anything was not a number.
-        let is_sound = t_min < t_max && origin.is_finite() && direction.is_finite();
-        let mut cell = Vec3A::ZERO;
-        if is_sound && is_between && t < t_max {
-            cell = (origin + direction * t).floor().clamp(Vec3A::ZERO, size - 1.0);
-        } else {
+        if !(t < t_max && origin.is_finite() && direction.is_finite()) {
             t_max = f32::NEG_INFINITY;
         }
-        let far_face = cell + Vec3A::select(is_forward, Vec3A::ONE, Vec3A::ZERO);
-        let next = Vec3A::select(is_parallel, Vec3A::INFINITY, (far_face - origin) * inverse);
+        // Not negative, so truncation is the floor.
+        let cell = (origin + direction * t).max(Vec3A::ZERO).min(size - 1.0).as_ivec3();
+        let is_forward = direction.cmpgt(Vec3A::ZERO);
+        let far_face = cell.as_vec3a() + Vec3A::select(is_forward, Vec3A::ONE, Vec3A::ZERO);
+        let next = (far_face - origin) * inverse;
         let (nx, nxy) = (dims.x as isize, dims.x as isize * dims.y as isize);
         let forward = is_forward.bitmask();
         let sign = |axis: u32| (forward >> axis & 1) as isize * 2 - 1;
         let (x, y, z) = (sign(0), sign(1) * nx, sign(2) * nxy);
-        let offset = cell.x as i32 as isize + cell.y as i32 as isize * nx + cell.z as i32 as isize * nxy;
+        let offset = cell.x as isize + cell.y as isize * nx + cell.z as isize * nxy;
         Self {
             cells: grid.cells.values(),
             t,
             t_max,
             next,
-            between: Vec3A::select(is_parallel, Vec3A::ZERO, inverse.abs()),
-            speed,
+            between: inverse.abs(),
+            speed: direction.abs(),
             offset,
             offset_steps: [0, x, y, x + y, z, x + z, y + z, x + y + z],
         }
