@@ -22,7 +22,9 @@ use crate::pipeline::mask_files::SceneFiles;
 use crate::pipeline::smoke::SmokeSource;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::film::{Film, PixelBounds};
+use crate::render::layers::Layer;
 use crate::render::material::Material;
+use crate::render::motion::FrameMotion;
 use crate::render::picture::Picture;
 use crate::render::world::World;
 use crate::render::{self, RenderError, TextureStore, tiles};
@@ -273,8 +275,13 @@ impl Studio {
             }
         };
         let most = view.bounds.area() as u64 * u64::from(view.spp);
-        let film =
-            timed(progress, Stage::Render, record, most, || tiles::render(&view, world, medium.as_ref(), progress))?;
+        let motion = view.layers.contains(&Layer::Motion).then(|| {
+            let seconds = scene.settings.frames.fps.recip();
+            FrameMotion::new(&self.geometry, self.smoke.flow().map(|flow| flow.span(time, seconds)), time, seconds)
+        });
+        let film = timed(progress, Stage::Render, record, most, || {
+            tiles::render_moving(&view, world, medium.as_ref(), motion.as_ref(), progress)
+        })?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
         let traced = film.paths.traced.max(1) as f64;
         record.samples_per_second = traced / seconds.max(1e-9);

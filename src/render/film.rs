@@ -1,5 +1,6 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
+use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::Coverage;
 use crate::render::layers::{Layer, LayerSums, Middle};
@@ -63,6 +64,10 @@ pub struct Contribution {
     pub first: FirstEvent,
     /// The shape of the surface that it met first, if it met one before smoke.
     pub shape_idx: Option<u32>,
+    /// Where it met that which `first` says, the origin where it met nothing.
+    pub place: WorldPoint,
+    /// What it brings to the layer of motion, see [`FrameMotion::of_path`](crate::render::motion::FrameMotion::of_path).
+    pub motion: Vec3,
     /// Normal of the first surface, or zero.
     pub normal: Vec3,
     /// Colour of the first surface or smoke, or zero.

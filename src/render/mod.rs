@@ -28,6 +28,7 @@ pub mod light;
 pub mod light_path;
 pub mod material;
 pub mod medium;
+pub mod motion;
 pub mod panel;
 pub mod phase;
 pub mod picture;
@@ -285,6 +286,7 @@ fn layers(settings: &settings::Settings) -> Vec<Layer> {
             Aov::ShapeId => vec![Layer::ShapeId],
             Aov::Normal => vec![Layer::Normal],
             Aov::Albedo => vec![Layer::Albedo],
+            Aov::Motion => vec![Layer::Motion],
             Aov::Variance => vec![Layer::Variance],
             Aov::Transmittance => vec![Layer::Transmittance],
             Aov::VolumeDepth => vec![Layer::VolumeDepth],

@@ -10,6 +10,7 @@ use crate::render::filter::Filter;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
 use crate::render::medium::Medium;
+use crate::render::motion::FrameMotion;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::world::World;
 use glam::Vec2;
@@ -54,6 +55,12 @@ pub struct View {
     pub layers: Vec<Layer>,
 }
 
+/// What paths are traced through, and how it moves where somebody wants to know.
+struct Traced<'a> {
+    integrator: Integrator<'a>,
+    motion: Option<&'a FrameMotion<'a>>,
+}
+
 /// A part of the picture that a thread made.
 struct Tile {
     pixels: Vec<Pixel>,
@@ -72,7 +79,22 @@ pub fn render(
     medium: Option<&Medium>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
+    render_moving(view, world, medium, None, progress)
+}
+
+/// The same of what moves; without `motion` the layer of motion says that nothing does.
+///
+/// # Errors
+/// Those of [`render`].
+pub fn render_moving(
+    view: &View,
+    world: &World,
+    medium: Option<&Medium>,
+    motion: Option<&FrameMotion>,
+    progress: &dyn Progress,
+) -> Result<Film, RenderError> {
     let integrator = Integrator { world, medium, limits: view.limits };
+    let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
     let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();
     let tiles: Vec<PixelBounds> = rows
@@ -87,11 +109,10 @@ pub fn render(
         .collect();
     let (finished, spp) = match view.time_limit {
         None => {
-            let paint =
-                |tile: &PixelBounds| render_tile(tile, view, &integrator, progress, |mut painter| painter.paint());
+            let paint = |tile: &PixelBounds| render_tile(tile, view, &traced, progress, |mut painter| painter.paint());
             (tiles.par_iter().map(paint).collect::<Result<Vec<Tile>, _>>()?, view.spp)
         }
-        Some(limit) => render_in_passes(&tiles, view, &integrator, progress, limit)?,
+        Some(limit) => render_in_passes(&tiles, view, &traced, progress, limit)?,
     };
     Ok(Film { spp, ..assemble(view, &tiles, &finished) })
 }
@@ -100,7 +121,7 @@ pub fn render(
 fn render_in_passes(
     bounds: &[PixelBounds],
     view: &View,
-    integrator: &Integrator,
+    traced: &Traced,
     progress: &dyn Progress,
     limit: Duration,
 ) -> Result<(Vec<Tile>, u32), RenderError> {
@@ -116,7 +137,7 @@ fn render_in_passes(
         work.try_for_each(|((tile, sums), counts)| {
             for (i, sum) in sums.iter_mut().enumerate() {
                 let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
-                let mut painter = PixelPainter::new([x, y], view, integrator, progress, counts);
+                let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
                 painter.add(sum, view.seed, done..next)?;
                 painter.look()?;
             }
@@ -130,8 +151,7 @@ fn render_in_passes(
     progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
     let tiles = bounds.par_iter().zip(&sums).zip(counts).map(|((tile, sums), counts)| {
         let mut sums = sums.iter();
-        let finished =
-            render_tile(tile, view, integrator, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
+        let finished = render_tile(tile, view, traced, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
         Ok(Tile { counts, ..finished })
     });
     Ok((tiles.collect::<Result<_, RenderError>>()?, done))
@@ -140,7 +160,7 @@ fn render_in_passes(
 fn render_tile(
     bounds: &PixelBounds,
     view: &View,
-    integrator: &Integrator,
+    traced: &Traced,
     progress: &dyn Progress,
     mut paint: impl FnMut(PixelPainter) -> Result<PixelSum, RenderError>,
 ) -> Result<Tile, RenderError> {
@@ -149,10 +169,10 @@ fn render_tile(
     let needs_middle = view.layers.iter().any(Layer::is_of_the_middle);
     for y in bounds.y0..bounds.y1 {
         for x in bounds.x0..bounds.x1 {
-            let sum = paint(PixelPainter::new([x, y], view, integrator, progress, &mut tile.counts))?;
+            let sum = paint(PixelPainter::new([x, y], view, traced, progress, &mut tile.counts))?;
             let middle = needs_middle.then(|| {
                 let ray = view.camera.ray(middle_of(x, y), [0.5, 0.5]);
-                Middle::look(integrator, &view.camera, &ray)
+                Middle::look(&traced.integrator, &view.camera, &ray)
             });
             tile.pixels.push(sum.finish());
             sum.finish_layers(&view.layers, middle.as_ref(), &mut tile.layer_data);
@@ -170,7 +190,7 @@ struct PixelPainter<'a> {
     x: u32,
     y: u32,
     view: &'a View,
-    integrator: &'a Integrator<'a>,
+    traced: &'a Traced<'a>,
     progress: &'a dyn Progress,
     counts: &'a mut PathCounts,
     /// Paths that `progress` was not told of yet.
@@ -182,12 +202,12 @@ impl<'a> PixelPainter<'a> {
     fn new(
         [x, y]: [u32; 2],
         view: &'a View,
-        integrator: &'a Integrator<'a>,
+        traced: &'a Traced<'a>,
         progress: &'a dyn Progress,
         counts: &'a mut PathCounts,
     ) -> Self {
         let looked_at_bounce = counts.bounces;
-        Self { x, y, view, integrator, progress, counts, unsaid: 0, looked_at_bounce }
+        Self { x, y, view, traced, progress, counts, unsaid: 0, looked_at_bounce }
     }
 
     fn paint(&mut self) -> Result<PixelSum, RenderError> {
@@ -228,7 +248,10 @@ impl<'a> PixelPainter<'a> {
             let mut sampler = Sampler::new(seed, x, y, sample);
             let u = sampler.numbers(Dimension::Film, 0);
             let ray = view.camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
-            let contribution = self.integrator.trace(ray, &mut sampler, self.counts);
+            let mut contribution = self.traced.integrator.trace(ray, &mut sampler, self.counts);
+            if let Some(motion) = self.traced.motion {
+                contribution.motion = motion.of_path(&view.camera, &contribution);
+            }
             if !contribution.radiance.is_finite() {
                 return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
             }

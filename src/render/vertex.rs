@@ -108,6 +108,7 @@ impl Vertex<'_> {
 
     /// Notes the first event for the further layers.
     pub fn describe(&self, out: &mut Contribution) {
+        out.place = self.point();
         match self {
             Vertex::Smoke { medium, .. } => {
                 out.first = FirstEvent::Smoke;
