@@ -3,9 +3,8 @@
     make peers                                  # or, after `cargo build --release`:
     python3 benches/peers.py [--quick] [--record]
 
-Others are installed into a virtual environment under out/, from PyPI: Mitsuba 3 and LuxCore, as far as they have packages for this
-Python; what will not install or run is named and left out. Blender's Cycles is not among them: its smoke, set up from the
-`bpy` 5.0.1 of PyPI, was not the same smoke. benches/peer_renderers/baseline.c is a plain path
+Others are installed into a virtual environment under out/, from PyPI: Mitsuba 3, Blender (Cycles) and LuxCore, as far as they have
+packages for this Python; what will not install or run is named and left out. benches/peer_renderers/baseline.c is a plain path
 tracer in C, compiled here: what "times better than brute force" means can be looked up in it.
 
 Every renderer makes pictures of different seeds, in turns. Figures are of rendering alone, without loading and compiling. The
@@ -31,14 +30,15 @@ OUT = ROOT / "out/peers"
 HERE = ROOT / "benches/peer_renderers"
 PACKAGES = {
     "mitsuba": ["mitsuba==3.9.1"],
+    "cycles": ["bpy==5.2.3" if sys.version_info >= (3, 13) else "bpy==5.0.1"],
     "luxcore": ["pyluxcore==2.11.2"],
 }
-NAMES = {"ours": "curlsmoke", "baseline": "baseline.c", "mitsuba": "Mitsuba 3", "luxcore": "LuxCore"}
+NAMES = {"ours": "curlsmoke", "baseline": "baseline.c", "mitsuba": "Mitsuba 3", "cycles": "Cycles", "luxcore": "LuxCore"}
 # Paths a pixel of the longest pictures; shorter ones have a quarter and a sixteenth. Such that none takes minutes.
 SPP = {
-    "plume": {"ours": 32, "baseline": 16, "mitsuba": 16, "luxcore": 16},
-    "thick": {"ours": 32, "baseline": 16, "mitsuba": 2, "luxcore": 2},
-    "lamps": {"ours": 64, "baseline": 64, "mitsuba": 64, "luxcore": 16},
+    "plume": {"ours": 32, "baseline": 16, "mitsuba": 16, "cycles": 16, "luxcore": 16},
+    "thick": {"ours": 32, "baseline": 16, "mitsuba": 2, "cycles": 16, "luxcore": 2},
+    "lamps": {"ours": 64, "baseline": 64, "mitsuba": 64, "cycles": 16, "luxcore": 16},
 }
 BLOCK = 16
 BEGIN, END = "<!-- peers: begin, written by benches/peers.py -->", "<!-- peers: end -->"
@@ -239,7 +239,7 @@ def judge(name, scene, runs, mask):
     return rows, curves
 
 
-COLORS = {"ours": "#c0392b", "baseline": "#7f8c8d", "mitsuba": "#2471a3", "luxcore": "#229954"}
+COLORS = {"ours": "#c0392b", "baseline": "#7f8c8d", "mitsuba": "#2471a3", "cycles": "#d68910", "luxcore": "#229954"}
 
 
 def plot(all_curves):
@@ -279,7 +279,7 @@ def plot(all_curves):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", type=pathlib.Path, default=ROOT / "target/release/curlsmoke", help="our program")
-    parser.add_argument("--peers", default="baseline,mitsuba,luxcore", help="whom to compare with")
+    parser.add_argument("--peers", default="baseline,mitsuba,cycles,luxcore", help="whom to compare with")
     parser.add_argument("--scenes", default="plume,thick,lamps")
     parser.add_argument("--variant", help="of Mitsuba (default llvm_ad_rgb, or scalar_rgb where LLVM is too old)")
     parser.add_argument("--rounds", type=int, help="pictures of each, two or more (default 4)")
