@@ -178,8 +178,10 @@ def compare(args, name, scene, renderers):
     runs = {}
     for seed in range(1, args.rounds + 1):
         for kind, renderer in list(renderers.items()):
-            most = max(SPP[name][kind] // (8 if args.quick else 1), 1)
-            for spp in sorted({most} if args.quick else {max(most // 16, 1), max(most // 4, 1), most}):
+            # Of Cycles a path a pixel tells how long loading takes, so that there must be more.
+            least = 2 if kind == "cycles" else 1
+            most = max(SPP[name][kind] // (8 if args.quick else 1), least)
+            for spp in sorted({most} if args.quick else {max(most // 16, least), max(most // 4, least), most}):
                 picture = OUT / f"{name}-{kind}-{spp}-{seed}.npy"
                 try:
                     seconds, peak = renderer.render(name, scene, spp, seed, picture)
