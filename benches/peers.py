@@ -17,6 +17,7 @@ With --record the table and the plot in docs/performance.md are made anew. Needs
 """
 
 import argparse
+import importlib.util
 import json
 import math
 import os
@@ -33,9 +34,8 @@ PACKAGES = {
     "cycles": ["bpy==5.2.3" if sys.version_info >= (3, 13) else "bpy==5.0.1"],
     "luxcore": ["pyluxcore==2.11.2"],
 }
-NAMES = {
-    "ours": "curlsmoke", "baseline": "baseline.c", "mitsuba": "Mitsuba 3", "cycles": "Cycles", "luxcore": "LuxCore"
-}  # fmt: skip
+MODULES = {"mitsuba": "mitsuba", "cycles": "bpy", "luxcore": "pyluxcore"}
+NAMES = {"ours": "curlsmoke", "baseline": "baseline.c", "mitsuba": "Mitsuba 3", "cycles": "Cycles", "luxcore": "LuxCore"}
 # Paths a pixel of the longest pictures; shorter ones have a quarter and a sixteenth. Such that none takes minutes.
 SPP = {
     "plume": {"ours": 32, "baseline": 16, "mitsuba": 16, "cycles": 16, "luxcore": 16},
@@ -52,12 +52,15 @@ def inside_venv():
     if not python.exists():
         subprocess.run([sys.executable, "-m", "venv", OUT / "venv"], check=True)
     if pathlib.Path(sys.prefix).resolve() != (OUT / "venv").resolve():
-        subprocess.run([python, "-m", "pip", "install", "-q", "numpy", "OpenEXR"], check=True)
+        if subprocess.run([python, "-c", "import numpy, OpenEXR"], capture_output=True).returncode:
+            subprocess.run([python, "-m", "pip", "install", "-q", "numpy", "OpenEXR"], check=True)
         os.execv(python, [str(python), *sys.argv])
 
 
 def install(name):
     """Whether another renderer is there, or could be installed."""
+    if importlib.util.find_spec(MODULES[name]):
+        return True
     pip = [sys.executable, "-m", "pip", "install", "-q", *PACKAGES[name]]
     done = subprocess.run(pip, capture_output=True, text=True)
     if done.returncode:
@@ -180,8 +183,10 @@ def compare(args, name, scene, renderers):
     runs = {}
     for seed in range(1, args.rounds + 1):
         for kind, renderer in list(renderers.items()):
-            most = max(SPP[name][kind] // (8 if args.quick else 1), 1)
-            for spp in sorted({most} if args.quick else {max(most // 16, 1), max(most // 4, 1), most}):
+            # Of Cycles a path a pixel tells how long loading takes, so that there must be more.
+            least = 2 if kind == "cycles" else 1
+            most = max(SPP[name][kind] // (8 if args.quick else 1), least)
+            for spp in sorted({most} if args.quick else {max(most // 16, least), max(most // 4, least), most}):
                 picture = OUT / f"{name}-{kind}-{spp}-{seed}.npy"
                 try:
                     seconds, peak = renderer.render(name, scene, spp, seed, picture)

@@ -24,8 +24,10 @@ use crate::pipeline::smoke::SmokeSource;
 use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::film::{Film, PixelBounds};
+use crate::render::layers::Layer;
 use crate::render::material::Material;
 use crate::render::media::Media;
+use crate::render::motion::FrameMotion;
 use crate::render::picture::Picture;
 use crate::render::world::World;
 use crate::render::{self, RenderError, TextureStore, tiles};
@@ -282,7 +284,13 @@ impl Studio {
             }
         };
         let most = view.bounds.area() as u64 * u64::from(view.spp);
-        let film = timed(progress, Stage::Render, record, most, || tiles::render_media(&view, world, media, progress))?;
+        let motion = view.layers.contains(&Layer::Motion).then(|| {
+            let seconds = scene.settings.frames.fps.recip();
+            FrameMotion::new(&self.geometry, self.smoke.flow().map(|flow| flow.span(time, seconds)), time, seconds)
+        });
+        let film = timed(progress, Stage::Render, record, most, || {
+            tiles::render_media(&view, world, media, motion.as_ref(), progress)
+        })?;
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
         let traced = film.paths.traced.max(1) as f64;
         record.samples_per_second = traced / seconds.max(1e-9);

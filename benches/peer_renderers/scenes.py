@@ -64,7 +64,9 @@ def vdb(d):
             nodes.setdefault(node, []).append(((i % 16) << 8 | (j % 16) << 4 | k % 16, leaf))
     head = struct.pack("<QIIIB", 0x56444220, 224, 10, 0, 1) + b"00000000-0000-0000-0000-000000000000"
     head += struct.pack("<II", 0, 1) + text("density") + text("Tree_float_5_4_3") + text("")
-    grid = struct.pack("<I", 2) + struct.pack("<I", 1) + text("class") + text("string") + text("fog volume")
+    # OpenVDB reads the name from here.
+    grid = struct.pack("<II", 2, 2) + text("class") + text("string") + text("fog volume")
+    grid += text("name") + text("string") + text("density")
     grid += text("UniformScaleTranslateMap") + vector(*(c + 0.5 * VOXEL for c in LOW))
     for s in (VOXEL, VOXEL, 1.0 / VOXEL, 1.0 / VOXEL**2, 0.5 / VOXEL):
         grid += vector(s, s, s)

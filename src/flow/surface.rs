@@ -324,32 +324,58 @@ mod tests {
     }
 
     #[test]
-    fn forwards_undoes_backwards_and_errors_fall_faster_with_reprojection() {
-        errors_fall_faster_with_reprojection(&solids()[0], [16, 32, 64]);
-        // Where the ways themselves are known to 3e-5 m, at 64 steps, nothing is left to gain.
-        errors_fall_faster_with_reprojection(&union(), [8, 16, 32]);
+    fn forwards_undoes_backwards_and_errors_are_smaller_with_reprojection_at_every_number_of_steps() {
+        errors_are_smaller_with_reprojection(&solids()[0]);
+        errors_are_smaller_with_reprojection(&union());
     }
 
-    fn errors_fall_faster_with_reprojection(solid: &Arc<PlacedSdf>, all_steps: [u32; 3]) {
+    fn errors_are_smaller_with_reprojection(solid: &Arc<PlacedSdf>) {
         let mut rng = CounterRng::new(Seed(3));
         let once = Reprojection::Newton(ONCE);
-        let starts: Vec<_> = (0..60).map(|_| on_surface(solid, &mut rng)).collect();
+        // A few ways that pass by saddles of the flow make up most of the mean square: with 60 ways, which of both errors is
+        // the smaller one is still luck.
+        let starts: Vec<_> = (0..240).map(|_| on_surface(solid, &mut rng)).collect();
         let ends = |steps, back| -> Vec<DVec3> {
-            starts.iter().map(|p| DVec3::from_array(flow(solid, 1.0, steps, back).origin(*p))).collect()
+            let flow = flow(solid, 1.0, steps, back);
+            starts.par_iter().map(|p| DVec3::from_array(flow.origin(*p))).collect()
         };
         let truth = ends(2048, once);
-        for (p, end) in starts.iter().zip(&truth) {
-            let back = flow(solid, -1.0, 2048, once).origin(end.to_array());
-            assert!((DVec3::from_array(back) - DVec3::from_array(*p)).length() < 1e-5);
+        let back = flow(solid, -1.0, 2048, once);
+        for (p, end) in starts.iter().zip(&truth).step_by(4) {
+            assert!((DVec3::from_array(back.origin(end.to_array())) - DVec3::from_array(*p)).length() < 1e-5);
         }
-        let error = |steps, back| {
-            let sum: f64 = ends(steps, back).iter().zip(&truth).map(|(a, b)| (*a - *b).length_squared()).sum();
-            (sum / truth.len() as f64).sqrt()
+        let noise = Simplex::<3>::new(0.5, Seed(4));
+        let along: Vec<_> = truth
+            .iter()
+            .map(|p| {
+                let p = p.to_array();
+                let found = crate::math::real::cross(noise.at(p).gradient, solid.slope(p).gradient);
+                DVec3::from_array(found).normalize()
+            })
+            .collect();
+        // Root mean squares of the whole error, and of what of it is across the flow.
+        let errors = |steps, back| -> [f64; 2] {
+            let mut squares = [0.0; 2];
+            for ((end, truth), along) in ends(steps, back).iter().zip(&truth).zip(&along) {
+                let error = *end - *truth;
+                squares[0] += error.length_squared();
+                squares[1] += error.reject_from_normalized(*along).length_squared();
+            }
+            squares.map(|sum| (sum / truth.len() as f64).sqrt())
         };
-        for steps in all_steps {
-            let (without, with) = (error(steps, Reprojection::None), error(steps, once));
-            println!("{steps} steps: off by {without:.1e} m without reprojection, {with:.1e} m with");
-            assert!(with < without, "{steps}");
+        let mut last: Option<[f64; 2]> = None;
+        for steps in [8, 16, 32, 64, 128, 256] {
+            let (without, with) = (errors(steps, Reprojection::None), errors(steps, once));
+            let [[a, a_across], [b, b_across]] = [without, with];
+            println!("{steps} steps: off by {a:.1e} m without reprojection, {a_across:.1e} of it across the flow");
+            println!("{steps} steps: off by {b:.1e} m with reprojection, {b_across:.1e} of it across the flow");
+            assert!(with[0] < without[0] && with[1] < without[1], "{steps}");
+            // From where curves are resolved, nearly all is along the flow, where nothing can put a point back.
+            assert!(steps < 32 || (with[1] < 0.15 * with[0] && with[1] < 0.15 * without[1]), "{steps}");
+            // Of fourth order both, blended or not.
+            let fell = |now: [f64; 2], last: [f64; 2]| last[0] / now[0];
+            assert!(steps < 32 || last.is_none_or(|last| fell(with, last) > 10.0), "{steps}");
+            last = Some(with);
         }
     }
 

@@ -113,6 +113,11 @@ impl ParticleSystem {
         }
     }
 
+    /// What carries the particles.
+    pub fn flow(&self) -> &Flow {
+        &self.flow
+    }
+
     /// A field with the walls of the flow.
     pub fn walls(&self) -> &VelocityField {
         self.flow.walls()

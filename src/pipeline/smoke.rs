@@ -1,6 +1,7 @@
 //! Where the density of a frame comes from: particles carried by the flow and splatted, or a file.
 
 use crate::error::Error;
+use crate::flow::Flow;
 use crate::flow::field::FieldSpan;
 use crate::geometry::Geometry;
 use crate::grid::soft::ObstacleDistance;
@@ -110,6 +111,14 @@ impl SmokeSource {
         let system = ParticleSystem::build(scene, geometry, build_flow(scene, geometry)?)
             .map_err(|e| in_scene(scene, "smoke.emitters", None, e))?;
         Ok(Self::Particles { system: Box::new(system), splat, is_told: false })
+    }
+
+    /// What carries the smoke, where that is known.
+    pub(super) fn flow(&self) -> Option<&Flow> {
+        match self {
+            Self::Particles { system, .. } => Some(system.flow()),
+            Self::None | Self::File { .. } => None,
+        }
     }
 
     pub(super) fn grid(

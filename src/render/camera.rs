@@ -2,7 +2,7 @@
 
 use crate::geometry::embree::Ray;
 use crate::math::space::{UnitVec3, WorldPoint};
-use glam::{DMat4, DVec3, DVec4, Vec2, Vec3};
+use glam::{DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 use std::f32::consts::{FRAC_PI_4, PI, TAU};
 
 /// A camera: pixel (0, 0) is top left, pixels are square.
@@ -131,6 +131,38 @@ impl Camera {
         }
     }
 
+    /// Where on the film a point [m] is seen through the middle of the lens [pixels]: the inverse of [`Camera::ray`]. `None`
+    /// behind the camera.
+    pub fn place(&self, p: DVec3) -> Option<DVec2> {
+        let [right, down] = [self.right, self.down].map(|v| v.as_dvec3());
+        let (forward, corner) = (self.forward.as_dvec3(), self.corner.as_dvec3());
+        let v = p - self.position.0.as_dvec3();
+        let ahead = v.dot(forward);
+        let v = match self.projection {
+            Projection::Perspective { .. } if ahead > 0.0 => v / ahead,
+            Projection::Perspective { .. } => return None,
+            Projection::Orthographic { .. } => v,
+            Projection::LatLong => {
+                let v = v.try_normalize()?;
+                let long = v.dot(right.normalize()).atan2(v.dot(forward));
+                let lat = v.dot(down.normalize()).clamp(-1.0, 1.0).asin();
+                let share = DVec2::new(long / std::f64::consts::TAU + 0.5, lat / std::f64::consts::PI + 0.5);
+                return Some(share * self.resolution.as_dvec2());
+            }
+        };
+        let v = v - corner;
+        Some(DVec2::new(v.dot(right) / right.length_squared(), v.dot(down) / down.length_squared()))
+    }
+
+    /// A way on the film [pixels], or one that ends at the same place and is shorter: what sees all directions goes round.
+    pub fn shorter(&self, way: DVec2) -> DVec2 {
+        let width = f64::from(self.resolution.x);
+        match self.projection {
+            Projection::LatLong => DVec2::new(way.x - width * (way.x / width).round(), way.y),
+            _ => way,
+        }
+    }
+
     /// Where the camera is.
     pub fn position(&self) -> WorldPoint {
         self.position
@@ -236,6 +268,23 @@ mod tests {
             assert!(glam::Mat4::from_cols_array(&matrix).determinant().abs() > 1e-3);
         }
         assert!(camera(Projection::LatLong, None).world_to_ndc().is_none());
+    }
+
+    #[test]
+    fn places_are_where_rays_go_through() {
+        for projection in [FOV, Projection::Orthographic { height: 3.0 }, Projection::LatLong] {
+            let camera = camera(projection, None);
+            for (pixel, distance) in [([0.5, 1.0], 2.0), ([199.0, 99.0], 7.0), ([137.0, 21.0], 0.3)] {
+                let seen = camera.ray(Vec2::from(pixel), MIDDLE).at(distance);
+                let found = camera.place(seen.0.as_dvec3()).expect("before the camera");
+                assert!((found.as_vec2() - Vec2::from(pixel)).length() < 2e-3, "{projection:?} {pixel:?} {found}");
+            }
+        }
+        let (all, some) = (camera(Projection::LatLong, None), camera(FOV, None));
+        assert!(some.place((some.position.0 - *some.forward).as_dvec3()).is_none());
+        // Across the edge behind the camera it is two pixels to the right, not nearly all to the left.
+        assert!((all.shorter(DVec2::new(-198.0, 1.0)) - DVec2::new(2.0, 1.0)).length() < 1e-12);
+        assert_eq!(some.shorter(DVec2::new(-198.0, 1.0)), DVec2::new(-198.0, 1.0));
     }
 
     #[test]

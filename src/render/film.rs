@@ -1,5 +1,6 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
+use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::Coverage;
 use crate::render::layers::{Layer, LayerSums, Middle};
@@ -63,6 +64,10 @@ pub struct Contribution {
     pub first: FirstEvent,
     /// The shape of the surface that it met first, if it met one before smoke.
     pub shape_idx: Option<u32>,
+    /// Where it met that which `first` says, the origin where it met nothing.
+    pub place: WorldPoint,
+    /// What it brings to the layer of motion, see [`FrameMotion::of_path`](crate::render::motion::FrameMotion::of_path).
+    pub motion: Vec3,
     /// Normal of the first surface, or zero.
     pub normal: Vec3,
     /// Colour of the first surface or smoke, or zero.
@@ -96,6 +101,8 @@ impl Contribution {
             alpha: 0.0,
             first: FirstEvent::None,
             shape_idx: None,
+            place: WorldPoint::default(),
+            motion: Vec3::ZERO,
             normal: Vec3::ZERO,
             albedo: Rgb::ZERO,
             bounces: 0,
@@ -115,7 +122,8 @@ impl Contribution {
             return;
         }
         (self.radiance, self.alpha, self.first, self.shape_idx) = (Rgb::ZERO, 0.0, FirstEvent::None, None);
-        (self.normal, self.albedo, self.bounces, self.shadow) = (Vec3::ZERO, Rgb::ZERO, 0, None);
+        (self.place, self.motion, self.normal) = (WorldPoint::default(), Vec3::ZERO, Vec3::ZERO);
+        (self.albedo, self.bounces, self.shadow) = (Rgb::ZERO, 0, None);
     }
 
     /// Adds light of a group of sources that came to the camera by `passage`.

@@ -30,6 +30,8 @@ pub enum Layer {
     Normal,
     /// Colour of the first surface or smoke, mean over paths.
     Albedo,
+    /// How far what is seen first moves on the picture to the next frame [pixels], mean over paths that met something.
+    Motion,
     /// Variance of the mean of the picture.
     Variance,
     /// Light that came one way.
@@ -78,6 +80,7 @@ impl Layer {
             Self::VolumeDepth => parts("volume_depth", &["first", "mean", "half"]),
             Self::Normal => parts("N", &["X", "Y", "Z"]),
             Self::Albedo => parts("albedo", &["R", "G", "B"]),
+            Self::Motion => parts("motion", &["X", "Y"]),
             Self::Variance => parts("variance", &["R", "G", "B"]),
             Self::Light(passage) => parts(passage.name(), &["R", "G", "B"]),
             Self::LightGroup(name, _) => parts(&format!("light_{name}"), &["R", "G", "B"]),
@@ -100,6 +103,7 @@ impl Layer {
             | Self::NullCollisions
             | Self::Samples => 1,
             Self::Cryptomatte(_) => 2 * cryptomatte::RANKS,
+            Self::Motion => 2,
             _ => 3,
         }
     }
@@ -128,6 +132,7 @@ impl Layer {
         match self {
             Self::Normal => path.normal,
             Self::Albedo => path.albedo,
+            Self::Motion => path.motion,
             Self::Light(passage) => path.by_passage[*passage as usize],
             Self::LightGroup(_, group) => path.by_group[*group],
             Self::Bounces => Vec3::splat(path.bounces as f32),
@@ -152,6 +157,8 @@ impl Layer {
                 out.extend(coverage.ranked(&ids, f64::from(moments.count())));
                 return;
             }
+            // The third number counts the paths that brought one.
+            (Self::Motion, _) if mean.z > 0.0 => mean / mean.z,
             (Self::Variance, _) => moments.variance_of_mean(),
             (Self::Samples, _) => Vec3::splat(moments.count() as f32),
             (Self::Depth, Some(middle)) => Vec3::splat(middle.depth),

@@ -30,6 +30,7 @@ pub mod light_path;
 pub mod material;
 pub mod media;
 pub mod medium;
+pub mod motion;
 pub mod panel;
 pub mod phase;
 pub mod picture;
@@ -329,6 +330,7 @@ fn layers(settings: &settings::Settings) -> Vec<Layer> {
             Aov::ShapeId => vec![Layer::ShapeId],
             Aov::Normal => vec![Layer::Normal],
             Aov::Albedo => vec![Layer::Albedo],
+            Aov::Motion => vec![Layer::Motion],
             Aov::Variance => vec![Layer::Variance],
             Aov::Transmittance => vec![Layer::Transmittance],
             Aov::VolumeDepth => vec![Layer::VolumeDepth],

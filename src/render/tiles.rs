@@ -11,6 +11,7 @@ use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
 use crate::render::media::Media;
 use crate::render::medium::Medium;
+use crate::render::motion::FrameMotion;
 use crate::render::sampler::{Dimension, PixelSamples};
 use crate::render::world::World;
 use glam::Vec2;
@@ -55,6 +56,12 @@ pub struct View {
     pub layers: Vec<Layer>,
 }
 
+/// What paths are traced through, and how it moves where somebody wants to know.
+struct Traced<'a> {
+    integrator: Integrator<'a>,
+    motion: Option<&'a FrameMotion<'a>>,
+}
+
 /// A part of the picture that a thread made.
 struct Tile {
     pixels: Vec<Pixel>,
@@ -73,15 +80,22 @@ pub fn render(
     smoke: Option<&Medium>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
-    render_media(view, world, smoke.into(), progress)
+    render_media(view, world, smoke.into(), None, progress)
 }
 
-/// As [`render`], through more than smoke.
+/// As [`render`], through more than smoke and of what moves; without `motion` the layer of motion says that nothing does.
 ///
 /// # Errors
 /// As there.
-pub fn render_media(view: &View, world: &World, media: Media, progress: &dyn Progress) -> Result<Film, RenderError> {
-    let integrator = &Integrator { world, media, limits: view.limits };
+pub fn render_media(
+    view: &View,
+    world: &World,
+    media: Media,
+    motion: Option<&FrameMotion>,
+    progress: &dyn Progress,
+) -> Result<Film, RenderError> {
+    let integrator = Integrator { world, media, limits: view.limits };
+    let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
     let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();
     let tiles: Vec<PixelBounds> = rows
@@ -96,11 +110,10 @@ pub fn render_media(view: &View, world: &World, media: Media, progress: &dyn Pro
         .collect();
     let (finished, spp) = match view.time_limit {
         None => {
-            let paint =
-                |tile: &PixelBounds| render_tile(tile, view, integrator, progress, |mut painter| painter.paint());
+            let paint = |tile: &PixelBounds| render_tile(tile, view, &traced, progress, |mut painter| painter.paint());
             (tiles.par_iter().map(paint).collect::<Result<Vec<Tile>, _>>()?, view.spp)
         }
-        Some(limit) => render_in_passes(&tiles, view, integrator, progress, limit)?,
+        Some(limit) => render_in_passes(&tiles, view, &traced, progress, limit)?,
     };
     Ok(Film { spp, ..assemble(view, &tiles, &finished) })
 }
@@ -109,7 +122,7 @@ pub fn render_media(view: &View, world: &World, media: Media, progress: &dyn Pro
 fn render_in_passes(
     bounds: &[PixelBounds],
     view: &View,
-    integrator: &Integrator,
+    traced: &Traced,
     progress: &dyn Progress,
     limit: Duration,
 ) -> Result<(Vec<Tile>, u32), RenderError> {
@@ -125,7 +138,7 @@ fn render_in_passes(
         work.try_for_each(|((tile, sums), counts)| {
             for (i, sum) in sums.iter_mut().enumerate() {
                 let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
-                let mut painter = PixelPainter::new([x, y], view, integrator, progress, counts);
+                let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
                 painter.add(sum, view.seed, done..next)?;
                 painter.look()?;
             }
@@ -139,8 +152,7 @@ fn render_in_passes(
     progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
     let tiles = bounds.par_iter().zip(&sums).zip(counts).map(|((tile, sums), counts)| {
         let mut sums = sums.iter();
-        let finished =
-            render_tile(tile, view, integrator, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
+        let finished = render_tile(tile, view, traced, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
         Ok(Tile { counts, ..finished })
     });
     Ok((tiles.collect::<Result<_, RenderError>>()?, done))
@@ -149,7 +161,7 @@ fn render_in_passes(
 fn render_tile(
     bounds: &PixelBounds,
     view: &View,
-    integrator: &Integrator,
+    traced: &Traced,
     progress: &dyn Progress,
     mut paint: impl FnMut(PixelPainter) -> Result<PixelSum, RenderError>,
 ) -> Result<Tile, RenderError> {
@@ -158,10 +170,10 @@ fn render_tile(
     let needs_middle = view.layers.iter().any(Layer::is_of_the_middle);
     for y in bounds.y0..bounds.y1 {
         for x in bounds.x0..bounds.x1 {
-            let sum = paint(PixelPainter::new([x, y], view, integrator, progress, &mut tile.counts))?;
+            let sum = paint(PixelPainter::new([x, y], view, traced, progress, &mut tile.counts))?;
             let middle = needs_middle.then(|| {
                 let ray = view.camera.ray(middle_of(x, y), [0.5, 0.5]);
-                Middle::look(integrator, &view.camera, &ray)
+                Middle::look(&traced.integrator, &view.camera, &ray)
             });
             tile.pixels.push(sum.finish());
             sum.finish_layers(&view.layers, middle.as_ref(), &mut tile.layer_data);
@@ -179,7 +191,7 @@ struct PixelPainter<'a> {
     x: u32,
     y: u32,
     view: &'a View,
-    integrator: &'a Integrator<'a>,
+    traced: &'a Traced<'a>,
     progress: &'a dyn Progress,
     counts: &'a mut PathCounts,
     /// Paths that `progress` was not told of yet.
@@ -193,13 +205,13 @@ impl<'a> PixelPainter<'a> {
     fn new(
         [x, y]: [u32; 2],
         view: &'a View,
-        integrator: &'a Integrator<'a>,
+        traced: &'a Traced<'a>,
         progress: &'a dyn Progress,
         counts: &'a mut PathCounts,
     ) -> Self {
         let looked_at_bounce = counts.bounces;
         let contribution = Contribution::new(view.layers.iter().any(Layer::tells_ways));
-        Self { x, y, view, integrator, progress, counts, unsaid: 0, looked_at_bounce, contribution }
+        Self { x, y, view, traced, progress, counts, unsaid: 0, looked_at_bounce, contribution }
     }
 
     fn paint(&mut self) -> Result<PixelSum, RenderError> {
@@ -243,8 +255,11 @@ impl<'a> PixelPainter<'a> {
             let ray = view.camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
             let contribution = &mut self.contribution;
             contribution.clear();
-            self.integrator.trace_into(contribution, ray, &mut sampler, self.counts);
+            self.traced.integrator.trace_into(contribution, ray, &mut sampler, self.counts);
             contribution.null_collisions = sampler.stream().null_collisions;
+            if let Some(motion) = self.traced.motion {
+                contribution.motion = motion.of_path(&view.camera, contribution);
+            }
             if !contribution.radiance.is_finite() {
                 return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
             }

@@ -114,6 +114,7 @@ impl Vertex<'_> {
     /// Notes the first event for the further layers.
     #[inline]
     pub fn describe(&self, out: &mut Contribution) {
+        out.place = self.point();
         match self {
             Vertex::Smoke { matter, .. } => {
                 out.first = FirstEvent::Smoke;

@@ -69,6 +69,11 @@ pub enum Aov {
     Normal,
     /// Colour of the first surface or smoke. Channels albedo.R, albedo.G, albedo.B.
     Albedo,
+    /// How far what is seen first moves on the picture from this frame to the next [pixels], x to the right and y down: shapes by
+    /// their `motion`, smoke by the flow at the place where light scatters, the mean over paths that met either. 0 where there is
+    /// nothing but background and lights, and of smoke from files, which do not say what carries it. What counts rows upwards wants y
+    /// with the other sign. Channels motion.X, motion.Y.
+    Motion,
     /// Variance of the mean of the picture, as if samples were independent: an upper bound, since they are stratified.
     /// Infinite with one sample per pixel. Channels variance.R, variance.G, variance.B.
     Variance,
@@ -106,6 +111,7 @@ impl Aov {
             | Self::Bounces
             | Self::NullCollisions
             | Self::Samples => 1,
+            Self::Motion => 2,
             Self::Position | Self::Normal | Self::Albedo | Self::Variance | Self::VolumeDepth => 3,
             Self::Passages => 18,
             Self::Cryptomatte => 12,

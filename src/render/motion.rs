@@ -1,0 +1,65 @@
+//! How far things move on the picture from one frame to the next: what compositing programs blur by, and what denoisers
+//! find the last picture by.
+//!
+//! Shapes go where their keys bring them by the next frame. Smoke goes with the flow that carries it, along one classical
+//! Runge–Kutta step as long as a frame, from where the path first scattered: so a pixel that sees deep into smoke has the
+//! mean over the depths that it sees. The camera stands still.
+
+use crate::flow::kind::FlowSpan;
+use crate::geometry::Geometry;
+use crate::geometry::motion::RigidSpan;
+use crate::math::space::WorldPoint;
+use crate::render::camera::Camera;
+use crate::render::film::Contribution;
+use crate::render::light_path::FirstEvent;
+use glam::{DVec3, Vec3};
+
+/// How everything in a scene moves from a frame to the next.
+#[derive(Debug)]
+pub struct FrameMotion<'a> {
+    /// Of each shape, `None` for those at rest.
+    shapes: Vec<Option<RigidSpan>>,
+    /// What carries the smoke, if that is known.
+    flow: Option<FlowSpan<'a>>,
+    /// From a frame to the next [s].
+    seconds: f64,
+}
+
+impl<'a> FrameMotion<'a> {
+    /// The motion from `time` [s] on for `seconds`, > 0: that of shapes where they rest and of the flow, which lasts as long
+    /// and is `None` for smoke of which nobody knows what carries it.
+    pub fn new(geometry: &Geometry, flow: Option<FlowSpan<'a>>, time: f64, seconds: f64) -> Self {
+        let span = |shape: &crate::geometry::Shape| shape.motion.as_ref().map(|m| m.span(shape.pivot, time, seconds));
+        Self { shapes: geometry.shapes.iter().map(span).collect(), flow, seconds }
+    }
+
+    /// What a path brings to the layer: how far what it met first moves on the picture [pixels], to the right and down, and
+    /// 1; zeros where it met nothing that scatters, or what goes where the camera does not look.
+    pub fn of_path(&self, camera: &Camera, path: &Contribution) -> Vec3 {
+        let next = match (path.first, path.shape_idx) {
+            (FirstEvent::None, _) | (FirstEvent::Surface, None) => return Vec3::ZERO,
+            (FirstEvent::Surface, Some(shape_idx)) => self.shapes[shape_idx as usize].as_ref().map(|span| {
+                let (rest, _) = span.to_rest(path.place.0.as_dvec3().to_array(), 0.0);
+                span.from_rest(DVec3::from_array(rest), 1.0)
+            }),
+            (FirstEvent::Smoke, _) => self.flow.as_ref().map(|flow| carried(flow, path.place, self.seconds)),
+        };
+        let Some(next) = next else { return Vec3::Z };
+        let from = camera.place(path.place.0.as_dvec3());
+        match from.zip(camera.place(next)).map(|(from, to)| camera.shorter(to - from).as_vec2()) {
+            Some(way) if way.is_finite() => way.extend(1.0),
+            _ => Vec3::ZERO,
+        }
+    }
+}
+
+/// Where the flow carries a point over all of its span, `seconds` long [m].
+fn carried(flow: &FlowSpan, from: WorldPoint, seconds: f64) -> DVec3 {
+    let from = from.0.as_dvec3();
+    let velocity = |p: DVec3, phase: f64| DVec3::from_array(flow.velocity(p.to_array(), phase));
+    let first = velocity(from, 0.0);
+    let second = velocity(from + first * (0.5 * seconds), 0.5);
+    let third = velocity(from + second * (0.5 * seconds), 0.5);
+    let fourth = velocity(from + third * seconds, 1.0);
+    from + (first + 2.0 * (second + third) + fourth) * (seconds / 6.0)
+}
