@@ -39,6 +39,7 @@ impl EvenMedium {
         Pieces {
             container: &self.container,
             rest: *ray,
+            rest_from: 0.0,
             passed: 0.0,
             before: if may_be_inside { Before::Unknown } else { Before::Outside },
             left: if is_met { CROSSINGS_MAX } else { 0 },
@@ -119,8 +120,10 @@ enum Before {
 /// The pieces of a ray inside a closed surface, in order.
 pub struct Pieces<'a> {
     container: &'a TraceScene,
-    /// The ray from the last crossing on, and the distance of that [m].
+    /// The ray from behind the last crossing on, and the distance at which it begins [m].
     rest: Ray,
+    rest_from: f32,
+    /// Distance of that crossing [m].
     passed: f32,
     before: Before,
     /// Crossings that are still looked for.
@@ -144,8 +147,10 @@ impl Iterator for Pieces<'_> {
             // overlapping surfaces, there is one more to leave.
             let is_inside = self.before == Before::Inside
                 || goes_out && (self.before == Before::Unknown || start > 0.0);
-            self.passed += hit.t;
+            self.passed = self.rest_from + hit.t;
             self.rest = Ray { origin: hit.offset_origin(direction), direction };
+            // The step off the surface is part of the way.
+            self.rest_from = self.passed + (self.rest.origin - hit.position).dot(*direction);
             self.before = if goes_out { Before::Outside } else { Before::Inside };
             let end = self.passed.min(self.t_max);
             if is_inside && start < end {
