@@ -95,7 +95,8 @@ impl<'a> Integrator<'a> {
             }
             if self.media.glows() {
                 // No light of the direct connections either.
-                contribution.add_scattered(carried * self.media.collected(&ray, end), bounce, EMISSION_GROUP);
+                let light = self.media.collected(&ray, end, sampler.stream());
+                contribution.add_scattered(carried * light, bounce, EMISSION_GROUP);
             }
             let vertex = match vertex {
                 Some(vertex) => vertex,
@@ -277,8 +278,7 @@ impl<'a> Integrator<'a> {
 
     /// The lamps near a flight through smoke.
     fn nearby(&self, ray: &Ray, t_max: f32, bounce: u32) -> Option<Nearby<'a>> {
-        // Of smoke with a tint, each channel has another density of free flight.
-        if bounce >= self.limits.max_bounces || self.media.tint().is_some() {
+        if bounce >= self.limits.max_bounces || !self.media.has_flight_density() {
             return None;
         }
         Nearby::find(&self.world.lights, self.world.lamps(), self.media, ray, t_max, bounce)

@@ -14,6 +14,7 @@ pub mod chroma;
 pub mod color;
 pub mod cryptomatte;
 pub mod dense;
+pub mod detail;
 pub mod environment;
 pub mod equiangular;
 pub mod even;
@@ -51,6 +52,7 @@ use crate::geometry::primitive::Primitive;
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::geometry::{Geometry, Shape};
 use crate::grid::DensityGrid;
+use crate::grid::majorant::MajorantGrid;
 use crate::math::hash::Seed;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::adaptive::Adaptive;
@@ -62,6 +64,7 @@ use crate::render::bsdf::metals::{self, Index};
 use crate::render::bsdf::plastic::Plastic;
 use crate::render::bsdf::principled::{Principled, PrincipledSettings};
 use crate::render::camera::{Camera, Lens};
+use crate::render::detail::Detail;
 use crate::render::environment::Environment;
 use crate::render::even::EvenMedium;
 use crate::render::film::PixelBounds;
@@ -150,11 +153,22 @@ pub enum RenderError {
     },
     /// Smoke too hot for single precision.
     #[error(
-        "hot smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower blackbody.gain or the temperature"
+        "the smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower the gain of its light or its \
+         temperature"
     )]
     TooHot {
         /// Most that it gives off [W/(m³ sr)].
         light: f32,
+    },
+    /// Smoke too dense for detail, through which there is no exact way.
+    #[error(
+        "with detail, a voxel of the densest smoke has an optical depth of {depth:.3e}, at most {DETAIL_DEPTH_MAX} is allowed: \
+         so dense smoke is a wall, and flights through it would not end; lower medium.extinction, make voxels smaller, or \
+         leave out detail"
+    )]
+    TooDenseForDetail {
+        /// Of the densest voxel.
+        depth: f64,
     },
     /// The ray-tracing scene cannot be built.
     #[error(transparent)]
@@ -181,6 +195,10 @@ pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<Picture, Box<dyn std::err
 /// Largest extinction coefficient and emission that light is traced through [1/m, W/(m³ sr)]: far beyond any matter, and far
 /// from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
+
+/// Largest optical depth of a voxel that may have detail. Flights take as many steps as bounds are optical depths thick, at
+/// most some ten voxels' worth of it where density falls from the most to next to nothing.
+pub const DETAIL_DEPTH_MAX: f64 = 1000.0;
 
 /// Width and height of the picture of a clear sky: haze about the sun and the rim of the earth take the most.
 const SKY_SIZE: [usize; 2] = [512, 256];
@@ -561,16 +579,44 @@ fn tint(medium: &settings::Medium) -> Option<Vec3> {
     medium.is_tinted().then(|| vec3(medium.extinction_tint.map(|factor| factor / most)))
 }
 
-/// Lets smoke give off light besides: red, green and blue [W/(m³ sr)].
+/// Lets smoke give off light besides: red, green and blue [W/(m³ sr)], 0 where there is no density unless it `is_unbound`.
 ///
 /// # Errors
 /// [`RenderError::TooHot`] where that passes [`SIGMA_MAX`].
-pub fn kindle(medium: &mut Medium, glow: [DensityGrid; 3]) -> Result<(), RenderError> {
+pub fn kindle(medium: &mut Medium, glow: [DensityGrid; 3], is_unbound: bool) -> Result<(), RenderError> {
     let light = glow.iter().map(DensityGrid::max_density).fold(0.0, f32::max);
     if f64::from(light) > SIGMA_MAX {
         return Err(RenderError::TooHot { light });
     }
+    medium.glow_majorants = is_unbound.then(|| glow.each_ref().map(MajorantGrid::new));
     medium.glow = Some(glow);
+    Ok(())
+}
+
+/// Gives density detail finer than its voxels, as it is at a time [s].
+///
+/// # Errors
+/// [`RenderError::TooDenseForDetail`] where a voxel of the densest smoke is thicker than [`DETAIL_DEPTH_MAX`].
+pub fn add_detail(medium: &mut Medium, settings: &settings::Detail, time: f64) -> Result<(), RenderError> {
+    let turbulence = Turbulence::new(&TurbulenceSettings {
+        length_scale: settings.length_scale,
+        octaves: settings.octaves,
+        lacunarity: settings.lacunarity,
+        gain: settings.gain,
+        spin_rate: settings.spin_rate,
+        displacement: settings.displacement,
+        scroll: settings.scroll,
+        seed: Seed(settings.seed),
+        ..Default::default()
+    });
+    let (strength, contrast) = (settings.strength as f32, settings.contrast);
+    let detail = Detail { turbulence: turbulence.at(time), strength, contrast };
+    let sigma_max = f64::from(medium.grid().max_density()) * f64::from(medium.extinction() * detail.most());
+    let depth = sigma_max * f64::from(medium.grid().voxel_size());
+    if depth > DETAIL_DEPTH_MAX {
+        return Err(RenderError::TooDenseForDetail { depth });
+    }
+    medium.detail = Some(Box::new(detail));
     Ok(())
 }
 

@@ -204,13 +204,13 @@ struct Piece<'a> {
 impl<'a> Piece<'a> {
     #[inline]
     fn new(medium: &'a Medium, line: IndexRay, segment: &Segment) -> Self {
-        let sigma_maj = segment.density_max * medium.extinction();
+        let sigma_maj = medium.sigma_max(segment.density_max);
         Self { medium, line, sigma_maj, t: f64::from(segment.t0), end: f64::from(segment.t1) }
     }
 
     #[inline]
     fn is_dense(&self) -> bool {
-        self.sigma_maj * (self.end - self.t) as f32 > DENSE
+        self.sigma_maj * (self.end - self.t) as f32 > DENSE && self.medium.has_exact_depths()
     }
 
     #[cold]
