@@ -8,8 +8,8 @@ use crate::pipeline::heat::Heat;
 use crate::pipeline::smoke::DensityFiles;
 use crate::pipeline::{grid_memory_limit, in_scene, time_of};
 use crate::progress::Progress;
-use crate::render::media::Volume;
 use crate::render;
+use crate::render::media::Volume;
 use crate::scene::{Scene, settings};
 use std::sync::Arc;
 
@@ -65,7 +65,8 @@ impl VolumeSources {
 }
 
 fn container(scene: &Scene, geometry: &Geometry, name: &str, shape: &str) -> Result<Arc<TraceScene>, Error> {
-    let container = geometry.container(shape).map_err(|e| in_scene(scene, &format!("volumes.{name}.inside"), None, e))?;
+    let container =
+        geometry.container(shape).map_err(|e| in_scene(scene, &format!("volumes.{name}.inside"), None, e))?;
     let container = container.ok_or_else(|| Error::Internal(format!("the shape `{shape}` has no inside")))?;
     Ok(Arc::new(container))
 }
@@ -98,8 +99,7 @@ fn file_volume(
     let mut medium = render::grid_medium(&volume.medium, smoke.density)
         .map_err(|e| in_scene(scene, &format!("{key}.medium"), Some(frame), e))?;
     if let Some(glow) = smoke.glow {
-        render::kindle(&mut medium, glow, smoke.is_unbound)
-            .map_err(|e| in_scene(scene, &key, Some(frame), e))?;
+        render::kindle(&mut medium, glow, smoke.is_unbound).map_err(|e| in_scene(scene, &key, Some(frame), e))?;
     }
     if let Some(detail) = &volume.detail {
         render::add_detail(&mut medium, detail, time_of(scene, frame))

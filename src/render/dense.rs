@@ -110,7 +110,12 @@ pub fn view_through(medium: &Medium, ray: &Ray, end: f32) -> ViewThrough {
 }
 
 /// The pieces of a ray up to distance `end` [m] within voxels that may have smoke, in order; `line` is the ray too.
-pub fn voxels<'a>(medium: &'a Medium, line: &'a IndexRay, ray: &Ray, end: f32) -> impl Iterator<Item = [f64; 2]> + use<'a> {
+pub fn voxels<'a>(
+    medium: &'a Medium,
+    line: &'a IndexRay,
+    ray: &Ray,
+    end: f32,
+) -> impl Iterator<Item = [f64; 2]> + use<'a> {
     let pieces = medium.majorants(ray, end).filter(|piece| piece.density_max > 0.0);
     pieces.flat_map(|piece| VoxelWalk::new(line, f64::from(piece.t0), f64::from(piece.t1)))
 }

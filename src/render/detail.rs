@@ -42,14 +42,22 @@ mod tests {
 
     #[test]
     fn the_mean_is_one_whatever_the_contrast() {
-        for (contrast, displacement, time) in [(1.0, [0.0; 3], 0.0), (1.5, [0.05, 0.1, 0.0], 1.7), (20.0, [0.0, 0.2, 0.1], 0.4)] {
-            let settings =
-                TurbulenceSettings { length_scale: 0.3, spin_rate: 0.5, displacement, seed: Seed(4), ..Default::default() };
+        for (contrast, displacement, time) in
+            [(1.0, [0.0; 3], 0.0), (1.5, [0.05, 0.1, 0.0], 1.7), (20.0, [0.0, 0.2, 0.1], 0.4)]
+        {
+            let settings = TurbulenceSettings {
+                length_scale: 0.3,
+                spin_rate: 0.5,
+                displacement,
+                seed: Seed(4),
+                ..Default::default()
+            };
             let turbulence = Turbulence::new(&settings).at(time);
             let detail = Detail { turbulence, strength: 0.9, contrast };
             let mut rng = CounterRng::new(Seed(1));
             let n = 200_000;
-            let factors = (0..n).map(|_| f64::from(detail.factor(WorldPoint([0; 3].map(|_| 300.0 * rng.uniform()).into()))));
+            let factors =
+                (0..n).map(|_| f64::from(detail.factor(WorldPoint([0; 3].map(|_| 300.0 * rng.uniform()).into()))));
             let (mut sum, mut square) = (0.0, 0.0);
             for factor in factors {
                 assert!((0.0999..=f64::from(detail.most())).contains(&factor), "{factor}");

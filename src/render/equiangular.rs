@@ -107,14 +107,7 @@ impl<'a> Nearby<'a> {
     /// The lamps among `lights` (all lights, of which `lamps` are the indices of those with a place) near the part of a ray
     /// before `t_max` [m] that is in smoke, for the flight after
     /// `bounce` scatterings; `None` where there are none.
-    pub fn find(
-        lights: &'a [Light],
-        lamps: &[u32],
-        media: Media,
-        ray: &Ray,
-        t_max: f32,
-        bounce: u32,
-    ) -> Option<Self> {
+    pub fn find(lights: &'a [Light], lamps: &[u32], media: Media, ray: &Ray, t_max: f32, bounce: u32) -> Option<Self> {
         if lamps.is_empty() || bounce >= FLIGHTS {
             return None;
         }
@@ -215,7 +208,8 @@ mod tests {
     fn distances_follow_their_density_which_integrates_to_one() {
         let (medium, lights) = (smoke(1.0), lights());
         let lamps: Vec<u32> = (0..lights.len() as u32).collect();
-        let nearby = Nearby::find(&lights, &lamps, Some(&medium).into(), &ray(), f32::INFINITY, 0).expect("lamps are near");
+        let nearby =
+            Nearby::find(&lights, &lamps, Some(&medium).into(), &ray(), f32::INFINITY, 0).expect("lamps are near");
         let mut rng = CounterRng::new(Seed(1));
         const BINS: usize = 50;
         let n = 200_000;

@@ -145,8 +145,8 @@ impl Iterator for Pieces<'_> {
             let start = self.passed;
             // A way out that had no way in: only a ray from outside that rounding let in at an edge. After other ways out, of
             // overlapping surfaces, there is one more to leave.
-            let is_inside = self.before == Before::Inside
-                || goes_out && (self.before == Before::Unknown || start > 0.0);
+            let is_inside =
+                self.before == Before::Inside || goes_out && (self.before == Before::Unknown || start > 0.0);
             self.passed = self.rest_from + hit.t;
             self.rest = Ray { origin: hit.offset_origin(direction), direction };
             // The step off the surface is part of the way.

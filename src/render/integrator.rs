@@ -285,13 +285,7 @@ impl<'a> Integrator<'a> {
     }
 
     /// Light of one of the lamps near a flight that is scattered once on the way, from a distance taken for that lamp.
-    fn nearby_light(
-        &self,
-        nearby: &Nearby,
-        ray: &Ray,
-        bounce: u32,
-        sampler: &mut Sampler,
-    ) -> Option<(usize, Rgb)> {
+    fn nearby_light(&self, nearby: &Nearby, ray: &Ray, bounce: u32, sampler: &mut Sampler) -> Option<(usize, Rgb)> {
         let u = sampler.numbers(Dimension::Distance, bounce);
         let place = nearby.sample(self.world.lamps(), [u[0], u[1]])?;
         let flight = self.media.flight_density(ray, place.t);

@@ -208,7 +208,8 @@ impl<'a> Media<'a> {
         match (self.smoke, self.volumes) {
             (Some(medium), []) => flight_density(medium, ray, t),
             _ => {
-                let (sigma_t, tau) = self.each().map(|each| each.at(ray, t)).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+                let (sigma_t, tau) =
+                    self.each().map(|each| each.at(ray, t)).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
                 sigma_t * (-tau).exp() as f32
             }
         }
@@ -246,7 +247,6 @@ impl<'a> Media<'a> {
             }
         }
     }
-
 }
 
 impl Each<'_> {

@@ -47,7 +47,18 @@ impl Medium {
     /// Smoke with `sigma_t = extinction · density` [1/m], without a tint, which gives off no light.
     pub fn new(grid: DensityGrid, extinction: f32, albedo: Rgb, phase: Phase) -> Self {
         let majorants = MajorantGrid::new(&grid);
-        Self { grid, majorants, extinction, tint: None, emission: Rgb::ZERO, glow: None, glow_majorants: None, albedo, phase, detail: None }
+        Self {
+            grid,
+            majorants,
+            extinction,
+            tint: None,
+            emission: Rgb::ZERO,
+            glow: None,
+            glow_majorants: None,
+            albedo,
+            phase,
+            detail: None,
+        }
     }
 
     /// Extinction coefficient [1/m] at `p`, of the channel that has most.

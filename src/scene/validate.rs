@@ -210,7 +210,8 @@ impl<'s> Check<'s, '_, '_> {
             let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_ref() == Some(name));
             if !shape.visible && !self.guides_flow(name) && !self.is_emitter(name) && !is_filled {
                 let key_visible = format!("{key}.visible");
-                let message = format!("`{name}` has no effect: it is invisible, no obstacle, no emitter and holds no volume");
+                let message =
+                    format!("`{name}` has no effect: it is invisible, no obstacle, no emitter and holds no volume");
                 self.warning(&key_visible, "flow.obstacles", message, "name it in `flow.obstacles`, or remove it");
             }
         }

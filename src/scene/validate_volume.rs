@@ -20,9 +20,11 @@ impl Check<'_, '_, '_> {
         }
         if let Some(shape) = &volume.inside {
             self.filled(&format!("{key}.inside"), shape);
-            for (of_file, is_given) in
-                [("blackbody", volume.blackbody.is_some()), ("remap", volume.remap.is_some()), ("detail", volume.detail.is_some())]
-            {
+            for (of_file, is_given) in [
+                ("blackbody", volume.blackbody.is_some()),
+                ("remap", volume.remap.is_some()),
+                ("detail", volume.detail.is_some()),
+            ] {
                 if is_given {
                     let message = format!("`{of_file}` is for the density of a file; inside of a shape it is even");
                     let help = "what is even is said by `density` and `medium`";

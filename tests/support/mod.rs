@@ -76,7 +76,13 @@ pub fn estimate(
 
 /// As [`estimate`], through more than smoke, of each channel.
 #[allow(dead_code)]
-pub fn estimate_colors(stage: &Stage, media: Media, count: usize, seed: u64, ray: impl Fn(usize) -> Ray + Sync) -> [Estimate; 3] {
+pub fn estimate_colors(
+    stage: &Stage,
+    media: Media,
+    count: usize,
+    seed: u64,
+    ray: impl Fn(usize) -> Ray + Sync,
+) -> [Estimate; 3] {
     estimate_media(stage, media, count, seed, |block, _| ray(block))
 }
 

@@ -14,7 +14,9 @@ mod read;
 mod tree;
 mod write;
 
-pub use read::{GridInfo, list_grids, parse_color_grid, parse_float_grid, parse_grid_list, read_color_grid, read_float_grid};
+pub use read::{
+    GridInfo, list_grids, parse_color_grid, parse_float_grid, parse_grid_list, read_color_grid, read_float_grid,
+};
 pub use write::{VdbWriteSettings, write_float_grids};
 
 use crate::grid::GridError;

@@ -6,8 +6,8 @@
 use crate::grid::vdb::bytes::Cursor;
 use crate::grid::vdb::tree::{LEAF, LOWER, Mask, NodeKind, UPPER, brick_place};
 use crate::grid::vdb::{
-    COLOR_TREE, COMPRESS_ACTIVE_MASK, COMPRESS_BLOSC, COMPRESS_ZIP, FLOAT_TREE, HALF_SUFFIX, MAGIC, NAME_SEPARATOR, NEWEST_VERSION,
-    NODE_MASK_VERSION, OLDEST_VERSION, VdbError, VdbProblem, blosc,
+    COLOR_TREE, COMPRESS_ACTIVE_MASK, COMPRESS_BLOSC, COMPRESS_ZIP, FLOAT_TREE, HALF_SUFFIX, MAGIC, NAME_SEPARATOR,
+    NEWEST_VERSION, NODE_MASK_VERSION, OLDEST_VERSION, VdbError, VdbProblem, blosc,
 };
 use crate::grid::{BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, needed_bytes};
 use glam::{DVec3, IVec3, U64Vec3};

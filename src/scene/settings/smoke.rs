@@ -41,7 +41,9 @@ pub struct Smoke {
 impl Smoke {
     /// Whether it gives off light.
     pub fn glows(&self) -> bool {
-        self.medium.glows() || self.blackbody.is_some() || self.file.as_ref().is_some_and(|file| file.emission.is_some())
+        self.medium.glows()
+            || self.blackbody.is_some()
+            || self.file.as_ref().is_some_and(|file| file.emission.is_some())
     }
 }
 

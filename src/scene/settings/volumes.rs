@@ -36,6 +36,8 @@ pub struct Volume {
 impl Volume {
     /// Whether it gives off light.
     pub fn glows(&self) -> bool {
-        self.medium.glows() || self.blackbody.is_some() || self.file.as_ref().is_some_and(|file| file.emission.is_some())
+        self.medium.glows()
+            || self.blackbody.is_some()
+            || self.file.as_ref().is_some_and(|file| file.emission.is_some())
     }
 }
