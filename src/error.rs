@@ -138,7 +138,10 @@ impl Error {
 fn render_exit_code(e: &RenderError) -> u8 {
     match e {
         RenderError::Light { source, .. } | RenderError::Texture { source, .. } => render_exit_code(source),
-        RenderError::NoLight { .. } | RenderError::TooDense { .. } | RenderError::TooHot { .. } => 3,
+        RenderError::NoLight { .. }
+        | RenderError::TooDense { .. }
+        | RenderError::TooHot { .. }
+        | RenderError::TooDenseForDetail { .. } => 3,
         RenderError::TexturesTooLarge { .. } => 6,
         RenderError::Picture(e) => e.downcast_ref().map_or(3, output_exit_code),
         RenderError::Geometry(e) => geometry_exit_code(e),

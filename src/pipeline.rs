@@ -254,14 +254,22 @@ impl Studio {
             .map(|smoke| {
                 let mut medium = render::build_medium(scene, smoke.density)?;
                 if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
-                    render::kindle(medium, glow)?;
+                    render::kindle(medium, glow, smoke.is_unbound)?;
+                }
+                let detail = scene.settings.smoke.as_ref().and_then(|smoke| smoke.detail);
+                if let (Some(medium), Some(detail)) = (&mut medium, detail) {
+                    render::add_detail(medium, &detail, time_of(scene, frame))?;
                 }
                 Ok(medium)
             })
             .transpose()
             .map_err(|e: RenderError| {
-                let is_heat = matches!(e, RenderError::TooHot { .. });
-                let key = if is_heat { "smoke.blackbody" } else { "smoke.medium.extinction" };
+                let key = match e {
+                    RenderError::TooHot { .. } if smoke_heat(scene).is_some() => "smoke.blackbody",
+                    RenderError::TooHot { .. } => "smoke.file.emission_gain",
+                    RenderError::TooDenseForDetail { .. } => "smoke.detail",
+                    _ => "smoke.medium.extinction",
+                };
                 in_scene(scene, key, Some(frame), e)
             })?
             .flatten();

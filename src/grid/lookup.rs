@@ -37,6 +37,12 @@ impl DensityGrid {
         IndexPoint((p.0 - self.corner) * self.inverse_voxel_size - 0.5)
     }
 
+    /// The world point of index coordinates.
+    #[inline]
+    pub fn to_world(&self, p: IndexPoint) -> WorldPoint {
+        WorldPoint(self.corner + (p.0 + 0.5) * self.voxel_size)
+    }
+
     /// The ray in index space.
     #[inline]
     pub fn ray_to_index(&self, origin: WorldPoint, direction: UnitVec3) -> IndexRay {

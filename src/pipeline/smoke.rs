@@ -20,8 +20,10 @@ use std::time::Instant;
 /// The smoke of a frame.
 pub(super) struct FrameSmoke {
     pub(super) density: DensityGrid,
-    /// Light that it gives off because it is hot [W/(m³ sr)].
+    /// Light that it gives off because it is hot, or as a file says [W/(m³ sr)].
     pub(super) glow: Option<[DensityGrid; 3]>,
+    /// Whether there may be such light where there is no density.
+    pub(super) is_unbound: bool,
 }
 
 impl FrameSmoke {
@@ -80,17 +82,24 @@ impl DensityFiles {
         let read = |name: &str| vdb::read_float_grid(&path, name, limit);
         let density = timed(progress, Stage::Grid, record, 0, || read(&self.settings.density))
             .map_err(|e| in_scene(scene, &format!("{key}.file.path"), Some(frame), e))?;
-        let key = format!("{key}.blackbody");
-        let glow = match heat {
-            None => None,
-            Some(heat) => {
+        let (file_key, key) = (format!("{key}.file"), format!("{key}.blackbody"));
+        let glow = match (heat, &self.settings.emission) {
+            (None, None) => None,
+            (None, Some(name)) => {
+                let left = limit.saturating_sub(density.memory_bytes());
+                let grids = vdb::read_color_grid(&path, name, left)
+                    .map_err(|e| in_scene(scene, &format!("{file_key}.emission"), Some(frame), e))?;
+                let gain = self.settings.emission_gain as f32;
+                Some(if gain == 1.0 { grids } else { grids.map(|grid| grid.map(|light| gain * light)) })
+            }
+            (Some(heat), _) => {
                 let temperature =
                     read(&self.settings.temperature).map_err(|e| in_scene(scene, &key, Some(frame), e))?;
                 let glow = heat.of_grids(&density, &temperature, limit);
                 Some(glow.map_err(|e| in_scene(scene, &key, Some(frame), e))?)
             }
         };
-        Ok(FrameSmoke { density, glow })
+        Ok(FrameSmoke { density, glow, is_unbound: heat.is_none() })
     }
 }
 
@@ -129,7 +138,7 @@ impl SmokeSource {
         progress: &dyn Progress,
         record: &mut Sidecar,
     ) -> Result<Option<FrameSmoke>, Error> {
-        let (density, glow) = match self {
+        let smoke = match self {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings, is_told } => {
                 let before = [system.penetrations(), system.born(), system.born_inside()];
@@ -171,16 +180,15 @@ impl SmokeSource {
                     .map(|heat| heat.of_particles(particles, &input, &settings))
                     .transpose()
                     .map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?;
-                (splat.grid, glow)
+                FrameSmoke { density: splat.grid, glow, is_unbound: false }
             }
             Self::File(file) => {
                 let limit = grid_memory_limit(scene, 0);
-                let smoke = file.read(scene, frame, heat.as_ref(), "smoke", limit, progress, record)?;
-                (smoke.density, smoke.glow)
+                file.read(scene, frame, heat.as_ref(), "smoke", limit, progress, record)?
             }
         };
         let remap = scene.settings.smoke.as_ref().and_then(|smoke| smoke.remap);
-        let smoke = FrameSmoke { density, glow }.remapped(remap);
+        let smoke = smoke.remapped(remap);
         record.grid.active_voxels = smoke.density.active_voxel_count();
         record.grid.bytes = smoke.memory_bytes();
         Ok(Some(smoke))

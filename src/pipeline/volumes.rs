@@ -8,8 +8,8 @@ use crate::pipeline::heat::Heat;
 use crate::pipeline::smoke::DensityFiles;
 use crate::pipeline::{grid_memory_limit, in_scene, time_of};
 use crate::progress::Progress;
+use crate::render;
 use crate::render::media::Volume;
-use crate::render::{self, RenderError};
 use crate::scene::{Scene, settings};
 use std::sync::Arc;
 
@@ -99,8 +99,11 @@ fn file_volume(
     let mut medium = render::grid_medium(&volume.medium, smoke.density)
         .map_err(|e| in_scene(scene, &format!("{key}.medium"), Some(frame), e))?;
     if let Some(glow) = smoke.glow {
-        render::kindle(&mut medium, glow)
-            .map_err(|e: RenderError| in_scene(scene, &format!("{key}.blackbody"), Some(frame), e))?;
+        render::kindle(&mut medium, glow, smoke.is_unbound).map_err(|e| in_scene(scene, &key, Some(frame), e))?;
+    }
+    if let Some(detail) = &volume.detail {
+        render::add_detail(&mut medium, detail, time_of(scene, frame))
+            .map_err(|e| in_scene(scene, &format!("{key}.detail"), Some(frame), e))?;
     }
     Ok(Volume::Grid(Box::new(medium)))
 }

@@ -5,7 +5,6 @@
 //! of them. On the pieces inside optical depth is length times extinction, so that flights and transmittances are exact.
 
 use crate::geometry::embree::{Ray, TraceScene};
-use crate::math::space::UnitVec3;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::medium::Matter;
@@ -14,6 +13,9 @@ use std::sync::Arc;
 
 /// Crossings after which a ray counts as outside: an end for rays that rounding holds in a place.
 const CROSSINGS_MAX: u32 = 10_000;
+
+/// By how much of its distance a crossing is passed before the next is looked for: some roundings.
+const CLEARANCE: f32 = 4.0 * f32::EPSILON;
 
 /// Even matter inside a closed surface.
 pub struct EvenMedium {
@@ -38,7 +40,8 @@ impl EvenMedium {
         let is_met = bounds.ray_interval(origin, ray.direction.as_vec3(), 0.0, t_max).is_some();
         Pieces {
             container: &self.container,
-            rest: *ray,
+            ray: *ray,
+            searched: 0.0,
             passed: 0.0,
             before: if may_be_inside { Before::Unknown } else { Before::Outside },
             left: if is_met { CROSSINGS_MAX } else { 0 },
@@ -119,8 +122,10 @@ enum Before {
 /// The pieces of a ray inside a closed surface, in order.
 pub struct Pieces<'a> {
     container: &'a TraceScene,
-    /// The ray from the last crossing on, and the distance of that [m].
-    rest: Ray,
+    ray: Ray,
+    /// Distance from which on the next crossing is looked for [m].
+    searched: f32,
+    /// Distance of that crossing [m].
     passed: f32,
     before: Before,
     /// Crossings that are still looked for.
@@ -136,16 +141,17 @@ impl Iterator for Pieces<'_> {
             self.left -= 1;
             // Not only up to `t_max`: what crosses there or beyond says whether the last piece is inside. After the last
             // crossing all is outside.
-            let hit = self.container.intersect(&self.rest, 0.0, f32::INFINITY)?;
-            let direction: UnitVec3 = self.rest.direction;
-            let goes_out = hit.normal.dot(*direction) > 0.0;
+            let hit = self.container.intersect(&self.ray, self.searched, f32::INFINITY)?;
+            let goes_out = hit.normal.dot(*self.ray.direction) > 0.0;
             let start = self.passed;
             // A way out that had no way in: only a ray from outside that rounding let in at an edge. After other ways out, of
             // overlapping surfaces, there is one more to leave.
             let is_inside =
                 self.before == Before::Inside || goes_out && (self.before == Before::Unknown || start > 0.0);
-            self.passed += hit.t;
-            self.rest = Ray { origin: hit.offset_origin(direction), direction };
+            self.passed = hit.t;
+            // On along the same line: a new start beside the surface would be another, and a grazing chord much longer or shorter.
+            // To cross the same place twice adds a piece of the length of some roundings.
+            self.searched = hit.t * (1.0 + CLEARANCE) + f32::MIN_POSITIVE;
             self.before = if goes_out { Before::Outside } else { Before::Inside };
             let end = self.passed.min(self.t_max);
             if is_inside && start < end {

@@ -110,7 +110,8 @@ impl<'a> Integrator<'a> {
             }
             if self.media.glows() {
                 // No light of the direct connections either.
-                contribution.add_scattered(carried * self.media.collected(&ray, end), bounce, EMISSION_GROUP);
+                let light = self.media.collected(&ray, end, sampler.stream());
+                contribution.add_scattered(carried * light, bounce, EMISSION_GROUP);
             }
             let vertex = match vertex {
                 Some(vertex) => vertex,
@@ -295,8 +296,7 @@ impl<'a> Integrator<'a> {
         if self.world.lamps().is_empty() {
             return None;
         }
-        // Of smoke with a tint, each channel has another density of free flight.
-        if bounce >= self.limits.max_bounces || self.media.tint().is_some() {
+        if bounce >= self.limits.max_bounces || !self.media.has_flight_density() {
             return None;
         }
         Nearby::find(&self.world.lights, self.world.lamps(), self.media, ray, t_max, bounce)

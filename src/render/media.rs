@@ -82,6 +82,18 @@ impl<'a> Media<'a> {
         self.each().any(|each| each.tint().is_some()).then_some(Vec3::ONE)
     }
 
+    /// Whether the density of free flight is known: of smoke with a tint each channel has another, and along a ray through detail
+    /// it has no closed form.
+    #[inline]
+    pub fn has_flight_density(&self) -> bool {
+        let has = |medium: &Medium| medium.tint.is_none() && medium.has_exact_depths();
+        self.smoke.is_none_or(has)
+            && self.volumes.iter().all(|volume| match volume {
+                Volume::Grid(medium) => has(medium),
+                Volume::Even(medium) => medium.tint.is_none(),
+            })
+    }
+
     /// Whether any of it gives off light.
     #[inline]
     pub fn glows(&self) -> bool {
@@ -171,18 +183,18 @@ impl<'a> Media<'a> {
 
     /// Light given off towards the ray's origin between it and distance `end` [m], where the flight ended [W/(m² sr)].
     #[inline]
-    pub fn collected(&self, ray: &Ray, end: f32) -> Rgb {
+    pub fn collected(&self, ray: &Ray, end: f32, stream: &mut Stream) -> Rgb {
+        if let (Some(medium), []) = (self.smoke, self.volumes) {
+            return glow::collected(medium, ray, end, stream);
+        }
         let of_each = |each: Each| match each {
-            Each::Grid(medium) if medium.glows() => glow::collected(medium, ray, end),
+            Each::Grid(medium) if medium.glows() => glow::collected(medium, ray, end, stream),
             Each::Even(medium) if medium.emission != Rgb::ZERO => {
                 medium.emission * medium.length_inside(ray, end) as f32
             }
             _ => Rgb::ZERO,
         };
-        match (self.smoke, self.volumes) {
-            (Some(medium), []) => glow::collected(medium, ray, end),
-            _ => self.each().map(of_each).fold(Rgb::ZERO, |a, b| a + b),
-        }
+        self.each().map(of_each).fold(Rgb::ZERO, |a, b| a + b)
     }
 
     /// The part of the ray before `t_max` in which there may be any of it: between these distances [m].
@@ -190,7 +202,8 @@ impl<'a> Media<'a> {
         self.each().filter_map(|each| each.range(ray, t_max)).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
 
-    /// Extinction coefficient [1/m] at distance `t` along a ray times the transmittance to there: the density of free flight.
+    /// Extinction coefficient [1/m] at distance `t` along a ray times the transmittance to there: the density of free flight,
+    /// where [`Media::has_flight_density`].
     pub fn flight_density(&self, ray: &Ray, t: f32) -> f32 {
         match (self.smoke, self.volumes) {
             (Some(medium), []) => flight_density(medium, ray, t),

@@ -6,6 +6,7 @@ use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::{MajorantGrid, MajorantIterator};
 use crate::math::space::IndexPoint;
 use crate::render::color::Rgb;
+use crate::render::detail::Detail;
 use crate::render::phase::Phase;
 use glam::Vec3;
 
@@ -29,31 +30,51 @@ pub struct Medium {
     pub tint: Option<Vec3>,
     /// Light that density 1 gives off [W/(m³ sr)], each channel ≥ 0.
     pub emission: Rgb,
-    /// Light that it gives off besides in red, green and blue [W/(m³ sr)]; 0 where there is no density.
+    /// Light that it gives off besides in red, green and blue [W/(m³ sr)]; 0 where there is no density, unless `glow_majorants`
+    /// say where it is.
     pub glow: Option<[DensityGrid; 3]>,
+    /// Where `glow` is, of light that is not bound to the density.
+    pub glow_majorants: Option<[MajorantGrid; 3]>,
     /// Share of the extinction that scatters, each channel in [0, 1].
     pub albedo: Rgb,
     /// Directions of scattering.
     pub phase: Phase,
+    /// What multiplies the density between voxels, if anything does.
+    pub detail: Option<Box<Detail>>,
 }
 
 impl Medium {
     /// Smoke with `sigma_t = extinction · density` [1/m], without a tint, which gives off no light.
     pub fn new(grid: DensityGrid, extinction: f32, albedo: Rgb, phase: Phase) -> Self {
         let majorants = MajorantGrid::new(&grid);
-        Self { grid, majorants, extinction, tint: None, emission: Rgb::ZERO, glow: None, albedo, phase }
+        Self {
+            grid,
+            majorants,
+            extinction,
+            tint: None,
+            emission: Rgb::ZERO,
+            glow: None,
+            glow_majorants: None,
+            albedo,
+            phase,
+            detail: None,
+        }
     }
 
     /// Extinction coefficient [1/m] at `p`, of the channel that has most.
     #[inline]
     pub fn sigma_t(&self, p: IndexPoint) -> f32 {
-        self.extinction * self.grid.density_at(p)
+        let sigma_t = self.extinction * self.grid.density_at(p);
+        if self.detail.is_some() { self.detailed(sigma_t, p) } else { sigma_t }
     }
 
-    /// Density at `p`.
-    #[inline]
-    pub fn density(&self, p: IndexPoint) -> f32 {
-        self.grid.density_at(p)
+    #[cold]
+    fn detailed(&self, sigma_t: f32, p: IndexPoint) -> f32 {
+        match &self.detail {
+            // Nothing is nothing in detail too, at less cost.
+            Some(detail) if sigma_t > 0.0 => sigma_t * detail.factor(self.grid.to_world(p)),
+            _ => sigma_t,
+        }
     }
 
     /// The ray in the index space of the density.
@@ -62,8 +83,8 @@ impl Medium {
         self.grid.ray_to_index(ray.origin, ray.direction)
     }
 
-    /// Upper bounds of the *density* on pieces of the ray between `0` and `t_max`; times
-    /// [`Medium::extinction`] they bound `sigma_t`. Pieces without smoke are left out.
+    /// Upper bounds of the *density* on pieces of the ray between `0` and `t_max`; by
+    /// [`Medium::sigma_max`] they bound `sigma_t`. Pieces without smoke are left out.
     #[inline(always)]
     pub fn majorants(&self, ray: &Ray, t_max: f32) -> MajorantIterator<'_> {
         MajorantIterator::new(&self.majorants, ray.origin, ray.direction, 0.0, t_max)
@@ -87,6 +108,22 @@ impl Medium {
     #[inline]
     pub fn matter(&self) -> Matter {
         Matter { albedo: self.albedo, phase: self.phase }
+    }
+
+    /// Upper bound of the extinction coefficient where the density is at most `density_max` [1/m].
+    #[inline]
+    pub fn sigma_max(&self, density_max: f32) -> f32 {
+        let sigma_max = density_max * self.extinction;
+        match &self.detail {
+            None => sigma_max,
+            Some(detail) => sigma_max * detail.most(),
+        }
+    }
+
+    /// Whether optical depths along rays are known exactly.
+    #[inline]
+    pub fn has_exact_depths(&self) -> bool {
+        self.detail.is_none()
     }
 
     /// Whether it gives off light.

@@ -15,6 +15,7 @@ pub mod chroma;
 pub mod color;
 pub mod cryptomatte;
 pub mod dense;
+pub mod detail;
 pub mod environment;
 pub mod equiangular;
 pub mod even;
@@ -50,12 +51,15 @@ pub use crate::render::from_scene::lights::build_lights;
 pub use crate::render::from_scene::materials::build_materials;
 pub use crate::render::from_scene::textures::TextureStore;
 
+use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
 use crate::grid::DensityGrid;
+use crate::grid::majorant::MajorantGrid;
 use crate::math::hash::Seed;
 use crate::render::adaptive::Adaptive;
 use crate::render::camera::{Camera, Lens};
+use crate::render::detail::Detail;
 use crate::render::even::EvenMedium;
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
@@ -136,11 +140,22 @@ pub enum RenderError {
     },
     /// Smoke too hot for single precision.
     #[error(
-        "hot smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower blackbody.gain or the temperature"
+        "the smoke gives off {light:.3e} W/(m³ sr), at most {SIGMA_MAX:.0e} is allowed; lower the gain of its light or its \
+         temperature"
     )]
     TooHot {
         /// Most that it gives off [W/(m³ sr)].
         light: f32,
+    },
+    /// Smoke too dense for detail, through which there is no exact way.
+    #[error(
+        "with detail, a voxel of the densest smoke has an optical depth of {depth:.3e}, at most {DETAIL_DEPTH_MAX} is allowed: \
+         so dense smoke is a wall, and flights through it would not end; lower medium.extinction, make voxels smaller, or \
+         leave out detail"
+    )]
+    TooDenseForDetail {
+        /// Of the densest voxel.
+        depth: f64,
     },
     /// The ray-tracing scene cannot be built.
     #[error(transparent)]
@@ -167,6 +182,10 @@ pub type LoadPicture<'a> = &'a dyn Fn(&Path) -> Result<Picture, Box<dyn std::err
 /// Largest extinction coefficient and emission that light is traced through [1/m, W/(m³ sr)]: far beyond any matter, and far
 /// from overflow.
 pub const SIGMA_MAX: f64 = 1e20;
+
+/// Largest optical depth of a voxel that may have detail. Flights take as many steps as bounds are optical depths thick, at
+/// most some ten voxels' worth of it where density falls from the most to next to nothing.
+pub const DETAIL_DEPTH_MAX: f64 = 1000.0;
 
 /// Surfaces, materials and lights of a scene: all but the smoke.
 ///
@@ -257,16 +276,44 @@ fn tint(medium: &settings::Medium) -> Option<Vec3> {
     medium.is_tinted().then(|| vec3(medium.extinction_tint.map(|factor| factor / most)))
 }
 
-/// Lets smoke give off light besides: red, green and blue [W/(m³ sr)].
+/// Lets smoke give off light besides: red, green and blue [W/(m³ sr)], 0 where there is no density unless it `is_unbound`.
 ///
 /// # Errors
 /// [`RenderError::TooHot`] where that passes [`SIGMA_MAX`].
-pub fn kindle(medium: &mut Medium, glow: [DensityGrid; 3]) -> Result<(), RenderError> {
+pub fn kindle(medium: &mut Medium, glow: [DensityGrid; 3], is_unbound: bool) -> Result<(), RenderError> {
     let light = glow.iter().map(DensityGrid::max_density).fold(0.0, f32::max);
     if f64::from(light) > SIGMA_MAX {
         return Err(RenderError::TooHot { light });
     }
+    medium.glow_majorants = is_unbound.then(|| glow.each_ref().map(MajorantGrid::new));
     medium.glow = Some(glow);
+    Ok(())
+}
+
+/// Gives density detail finer than its voxels, as it is at a time [s].
+///
+/// # Errors
+/// [`RenderError::TooDenseForDetail`] where a voxel of the densest smoke is thicker than [`DETAIL_DEPTH_MAX`].
+pub fn add_detail(medium: &mut Medium, settings: &settings::Detail, time: f64) -> Result<(), RenderError> {
+    let turbulence = Turbulence::new(&TurbulenceSettings {
+        length_scale: settings.length_scale,
+        octaves: settings.octaves,
+        lacunarity: settings.lacunarity,
+        gain: settings.gain,
+        spin_rate: settings.spin_rate,
+        displacement: settings.displacement,
+        scroll: settings.scroll,
+        seed: Seed(settings.seed),
+        ..Default::default()
+    });
+    let (strength, contrast) = (settings.strength as f32, settings.contrast);
+    let detail = Detail { turbulence: turbulence.at(time), strength, contrast };
+    let sigma_max = f64::from(medium.grid().max_density()) * f64::from(medium.extinction() * detail.most());
+    let depth = sigma_max * f64::from(medium.grid().voxel_size());
+    if depth > DETAIL_DEPTH_MAX {
+        return Err(RenderError::TooDenseForDetail { depth });
+    }
+    medium.detail = Some(Box::new(detail));
     Ok(())
 }
 

@@ -200,7 +200,7 @@ struct Piece<'a> {
 impl<'a> Piece<'a> {
     #[inline(always)]
     fn new(medium: &'a Medium, line: IndexRay, segment: &Segment) -> Self {
-        let sigma_maj = segment.density_max * medium.extinction();
+        let sigma_maj = medium.sigma_max(segment.density_max);
         Self { medium, line, sigma_maj, t: segment.t0, end: segment.t1 }
     }
 
@@ -212,7 +212,7 @@ impl<'a> Piece<'a> {
 
     #[inline(always)]
     fn is_dense(&self) -> bool {
-        self.tau_maj() > DENSE
+        self.tau_maj() > DENSE && self.medium.has_exact_depths()
     }
 
     #[cold]

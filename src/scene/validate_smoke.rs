@@ -2,7 +2,7 @@
 
 use crate::diagnostic::Fault;
 use crate::schema::decimal;
-use crate::settings::{CameraProjection, Emitter, Medium, Phase, Remap, Smoke};
+use crate::settings::{CameraProjection, DensityFile, Emitter, Medium, Phase, Remap, Smoke};
 use crate::unit::tidy;
 use crate::validate::Check;
 use crate::{footprint, resolve};
@@ -65,7 +65,7 @@ impl Check<'_, '_, '_> {
             self.emitter(&format!("smoke.emitters[{index}]"), emitter);
         }
         if let Some(file) = &smoke.file {
-            self.density_file("smoke.file.path", &file.path);
+            self.density_file("smoke.file", file, smoke.blackbody.is_some());
         }
         self.matter("smoke", &smoke.medium, smoke.blackbody.is_some(), smoke.remap.as_ref());
         // Hot smoke gives off as much as it absorbs.
@@ -232,8 +232,17 @@ impl Check<'_, '_, '_> {
     }
 
     /// The .vdb files of all frames, which must be there.
-    pub(crate) fn density_file(&mut self, key: &str, pattern: &str) {
-        let Some(pattern) = self.pattern(key, pattern, "vdb") else { return };
+    pub(crate) fn density_file(&mut self, key: &str, file: &DensityFile, is_hot: bool) {
+        if is_hot && file.emission.is_some() {
+            let message = "smoke glows by its temperature or as the file says, not both";
+            self.error_help(&format!("{key}.emission"), key, message, "leave out `blackbody` or `emission`");
+        }
+        if file.emission.is_none() && file.emission_gain != 1.0 {
+            let message = "`emission_gain` has no effect without `emission`, the name of a grid";
+            self.error(&format!("{key}.emission_gain"), key, message);
+        }
+        let key = &format!("{key}.path");
+        let Some(pattern) = self.pattern(key, &file.path, "vdb") else { return };
         let frames = &self.settings.frames;
         let count = i64::from(frames.last) - i64::from(frames.first) + 1;
         if !self.is_sound("frames") || count < 1 {

@@ -11,7 +11,7 @@ impl Check<'_, '_, '_> {
         let key = format!("volumes.{name}");
         self.exactly_one(&key, &[("file", volume.file.is_some()), ("inside", volume.inside.is_some())]);
         if let Some(file) = &volume.file {
-            self.density_file(&format!("{key}.file.path"), &file.path);
+            self.density_file(&format!("{key}.file"), file, volume.blackbody.is_some());
             if volume.density.is_some() {
                 let message = "a file has a density of its own";
                 let help = "a factor on it is `medium.extinction`; the name of its grid is `file.density`";
@@ -20,7 +20,11 @@ impl Check<'_, '_, '_> {
         }
         if let Some(shape) = &volume.inside {
             self.filled(&format!("{key}.inside"), shape);
-            for (of_file, is_given) in [("blackbody", volume.blackbody.is_some()), ("remap", volume.remap.is_some())] {
+            for (of_file, is_given) in [
+                ("blackbody", volume.blackbody.is_some()),
+                ("remap", volume.remap.is_some()),
+                ("detail", volume.detail.is_some()),
+            ] {
                 if is_given {
                     let message = format!("`{of_file}` is for the density of a file; inside of a shape it is even");
                     let help = "what is even is said by `density` and `medium`";

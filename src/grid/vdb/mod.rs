@@ -1,8 +1,8 @@
-//! `.vdb` files of float grids, in and out.
+//! `.vdb` files of float grids, in and out, and of colours, in.
 //!
 //! The format is that of OpenVDB, whose sources are its only description: `openvdb/io/{Archive,Compression,GridDescriptor}`
 //! and the `readTopology`, `readBuffers` of the tree's nodes. Read are file versions 220 to 225, trees
-//! `Tree_float_5_4_3` in single and half precision, uncompressed or with ZIP, Blosc (codecs LZ4 and zlib) and active-mask
+//! `Tree_float_5_4_3` and `Tree_vec3s_5_4_3` in single and half precision, uncompressed or with ZIP, Blosc (codecs LZ4 and zlib) and active-mask
 //! compression, and transforms of uniform scale and translation. Written is version 224, which every OpenVDB since 2017 reads.
 //!
 //! OpenVDB's sample (i, j, k) sits at the transform of (i, j, k), ours at the centre of its voxel: the transform carries
@@ -14,7 +14,9 @@ mod read;
 mod tree;
 mod write;
 
-pub use read::{GridInfo, list_grids, parse_float_grid, parse_grid_list, read_float_grid};
+pub use read::{
+    GridInfo, list_grids, parse_color_grid, parse_float_grid, parse_grid_list, read_color_grid, read_float_grid,
+};
 pub use write::{VdbWriteSettings, write_float_grids};
 
 use crate::grid::GridError;
@@ -35,6 +37,7 @@ const COMPRESS_ACTIVE_MASK: u32 = 2;
 const COMPRESS_BLOSC: u32 = 4;
 
 const FLOAT_TREE: &str = "Tree_float_5_4_3";
+const COLOR_TREE: &str = "Tree_vec3s_5_4_3";
 const HALF_SUFFIX: &str = "_HalfFloat";
 /// Between a grid's name and the number that makes it unique in its file.
 const NAME_SEPARATOR: char = '\u{1e}';

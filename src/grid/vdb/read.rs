@@ -6,8 +6,8 @@
 use crate::grid::vdb::bytes::Cursor;
 use crate::grid::vdb::tree::{LEAF, LOWER, Mask, NodeKind, UPPER, brick_place};
 use crate::grid::vdb::{
-    COMPRESS_ACTIVE_MASK, COMPRESS_BLOSC, COMPRESS_ZIP, FLOAT_TREE, HALF_SUFFIX, MAGIC, NAME_SEPARATOR, NEWEST_VERSION,
-    NODE_MASK_VERSION, OLDEST_VERSION, VdbError, VdbProblem, blosc,
+    COLOR_TREE, COMPRESS_ACTIVE_MASK, COMPRESS_BLOSC, COMPRESS_ZIP, FLOAT_TREE, HALF_SUFFIX, MAGIC, NAME_SEPARATOR,
+    NEWEST_VERSION, NODE_MASK_VERSION, OLDEST_VERSION, VdbError, VdbProblem, blosc,
 };
 use crate::grid::{BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, needed_bytes};
 use glam::{DVec3, IVec3, U64Vec3};
@@ -32,6 +32,11 @@ impl GridInfo {
     /// True for the grids that [`read_float_grid`] reads.
     pub fn is_float(&self) -> bool {
         self.type_name.strip_suffix(HALF_SUFFIX).unwrap_or(&self.type_name) == FLOAT_TREE
+    }
+
+    /// True for grids of colours, of which [`read_color_grid`] reads each channel.
+    pub fn is_color(&self) -> bool {
+        self.type_name.strip_suffix(HALF_SUFFIX).unwrap_or(&self.type_name) == COLOR_TREE
     }
 }
 
@@ -61,6 +66,20 @@ pub fn read_float_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Resu
         .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
 }
 
+/// Red, green and blue of the grid `name` of the file at `path`: of vectors its components, of a float grid three times the same.
+/// The limit is for all three.
+///
+/// # Errors
+/// As for [`read_float_grid`]; no value may be negative here either.
+pub fn read_color_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Result<[DensityGrid; 3], VdbError> {
+    load(path, memory_limit_bytes)
+        .and_then(|bytes| {
+            let left = memory_limit_bytes.saturating_sub(bytes.len() as u64);
+            parse_color_grid(&bytes, name, left)
+        })
+        .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
+}
+
 fn load(path: &Path, limit_bytes: u64) -> Result<Vec<u8>, VdbProblem> {
     let file = std::fs::File::open(path)?;
     let file_bytes = file.metadata()?.len();
@@ -85,14 +104,38 @@ pub fn parse_grid_list(bytes: &[u8]) -> Result<Vec<GridInfo>, VdbProblem> {
 /// # Errors
 /// [`VdbProblem`] as for [`read_float_grid`].
 pub fn parse_float_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Result<DensityGrid, VdbProblem> {
+    parse_channel(bytes, name, None, memory_limit_bytes)
+}
+
+/// Red, green and blue of the grid `name` of a file given as bytes; see [`read_color_grid`].
+///
+/// # Errors
+/// [`VdbProblem`] as for [`read_color_grid`].
+pub fn parse_color_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Result<[DensityGrid; 3], VdbProblem> {
+    let limit = memory_limit_bytes / 3;
+    if parse_grid_list(bytes)?.iter().any(|grid| grid.name == name && grid.is_float()) {
+        let grid = parse_float_grid(bytes, name, limit)?;
+        return Ok([grid.clone(), grid.clone(), grid]);
+    }
+    let channel = |i: usize| parse_channel(bytes, name, Some(i), limit);
+    Ok([channel(0)?, channel(1)?, channel(2)?])
+}
+
+/// A float grid, or one `channel` of a grid of colours.
+fn parse_channel(
+    bytes: &[u8],
+    name: &str,
+    channel: Option<usize>,
+    memory_limit_bytes: u64,
+) -> Result<DensityGrid, VdbProblem> {
     let mut cursor = Cursor::new(bytes);
     let header = Header::read(&mut cursor)?;
     let Some(found) = header.grids.iter().find(|g| g.name() == name || g.unique_name == name) else {
         let available = header.grids.iter().map(|g| format!("\"{}\" ({})", g.name(), g.type_name)).collect();
         return Err(VdbProblem::NoSuchGrid { name: name.to_owned(), available });
     };
-    found.check_type(&cursor)?;
-    let mut stream = Stream::open(&mut cursor, &header, found)?;
+    found.check_type(&cursor, channel)?;
+    let mut stream = Stream::open(&mut cursor, &header, found, channel)?;
     let transform = read_transform(&mut stream.cursor)?;
     // An instance has its own transform and shares the tree of another grid.
     if !found.parent.is_empty() {
@@ -101,8 +144,8 @@ pub fn parse_float_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Re
             return Err(cursor
                 .malformed(format!("grid \"{name}\" shares the tree of \"{}\", which is not there", found.parent)));
         };
-        parent.check_type(&cursor)?;
-        stream = Stream::open(&mut cursor, &header, parent)?;
+        parent.check_type(&cursor, channel)?;
+        stream = Stream::open(&mut cursor, &header, parent, channel)?;
         read_transform(&mut stream.cursor)?;
     }
     let fail = |error| VdbProblem::Grid { name: name.to_owned(), error };
@@ -139,15 +182,19 @@ impl Descriptor {
         GridInfo { name: self.name().to_owned(), type_name: self.type_name.clone() }
     }
 
-    fn check_type(&self, cursor: &Cursor) -> Result<(), VdbProblem> {
-        if self.info().is_float() {
-            return Ok(());
+    fn check_type(&self, cursor: &Cursor, channel: Option<usize>) -> Result<(), VdbProblem> {
+        let info = self.info();
+        let (name, found) = (&info.name, &info.type_name);
+        match channel {
+            None if info.is_float() => Ok(()),
+            Some(_) if info.is_color() => Ok(()),
+            None => Err(cursor.unsupported(format!(
+                "grid \"{name}\" is a {found}; only {FLOAT_TREE} and {FLOAT_TREE}{HALF_SUFFIX} are read as density"
+            ))),
+            Some(_) => Err(cursor.unsupported(format!(
+                "grid \"{name}\" is a {found}; only {COLOR_TREE} and {FLOAT_TREE}, each also with {HALF_SUFFIX}, are read as light"
+            ))),
         }
-        Err(cursor.unsupported(format!(
-            "grid \"{}\" is a {}; only {FLOAT_TREE} and {FLOAT_TREE}{HALF_SUFFIX} are read as density",
-            self.name(),
-            self.type_name
-        )))
     }
 }
 
@@ -274,6 +321,9 @@ struct Stream<'a> {
     version: u32,
     compression: u32,
     is_half: bool,
+    /// How many numbers a value has, and which of them is read.
+    channels: usize,
+    channel: usize,
     background: f32,
     /// Room for a buffer unpacked, and for the active values of a node.
     unpacked: Vec<u8>,
@@ -282,7 +332,13 @@ struct Stream<'a> {
 
 impl<'a> Stream<'a> {
     /// At the transform of `grid`, behind its metadata.
-    fn open(cursor: &mut Cursor<'a>, header: &Header, grid: &Descriptor) -> Result<Self, VdbProblem> {
+    fn open(
+        cursor: &mut Cursor<'a>,
+        header: &Header,
+        grid: &Descriptor,
+        channel: Option<usize>,
+    ) -> Result<Self, VdbProblem> {
+        let channels = if channel.is_some() { 3 } else { 1 };
         let mut cursor = cursor.clone();
         cursor.seek(grid.grid_at, &format!("grid \"{}\"", grid.name()))?;
         let compression = match header.version {
@@ -300,14 +356,28 @@ impl<'a> Stream<'a> {
             version: header.version,
             compression,
             is_half,
+            channels,
+            channel: channel.unwrap_or(0),
             background: 0.0,
-            unpacked: vec![0; 4 * UPPER.places()],
+            unpacked: vec![0; 4 * channels * UPPER.places()],
             stored: vec![0.0; UPPER.places()],
         })
     }
 
     fn mask(&mut self, kind: NodeKind, what: &str) -> Result<Mask<'a>, VdbProblem> {
         Ok(Mask(self.cursor.take(kind.places() / 8, what)?))
+    }
+
+    /// One value outside of buffers, which is never in half precision.
+    fn value(&mut self, what: &str) -> Result<f32, VdbProblem> {
+        let mut value = 0.0;
+        for i in 0..self.channels {
+            let number = self.cursor.f32(what)?;
+            if i == self.channel {
+                value = number;
+            }
+        }
+        Ok(value)
     }
 
     /// `out.len()` values, of which only those on in `active` are stored where the grid uses mask compression.
@@ -323,10 +393,10 @@ impl<'a> Stream<'a> {
         }
         let mut inactive = [if metadata == 0 { self.background } else { -self.background }, self.background];
         if ONE_VALUE.contains(&metadata) {
-            inactive[0] = self.cursor.f32("an inactive value")?;
+            inactive[0] = self.value("an inactive value")?;
         }
         if metadata == 5 {
-            inactive[1] = self.cursor.f32("an inactive value")?;
+            inactive[1] = self.value("an inactive value")?;
         }
         let selection = if SELECTION.contains(&metadata) {
             Some(Mask(self.cursor.take(out.len() / 8, "a selection mask")?))
@@ -357,7 +427,7 @@ impl<'a> Stream<'a> {
         if self.is_half && out.is_empty() {
             return Ok(());
         }
-        let size = out.len() * if self.is_half { 2 } else { 4 };
+        let size = out.len() * self.channels * if self.is_half { 2 } else { 4 };
         let bytes = if self.compression & (COMPRESS_ZIP | COMPRESS_BLOSC) == 0 {
             self.cursor.take(size, "values")?
         } else {
@@ -382,10 +452,11 @@ impl<'a> Stream<'a> {
             }
         };
         if self.is_half {
-            let halves = bytes.as_chunks::<2>().0.iter();
+            let halves = bytes.as_chunks::<2>().0.iter().skip(self.channel).step_by(self.channels);
             out.iter_mut().zip(halves).for_each(|(v, b)| *v = f16::from_le_bytes(*b).to_f32());
         } else {
-            out.iter_mut().zip(bytes.as_chunks::<4>().0).for_each(|(v, b)| *v = f32::from_le_bytes(*b));
+            let singles = bytes.as_chunks::<4>().0.iter().skip(self.channel).step_by(self.channels);
+            out.iter_mut().zip(singles).for_each(|(v, b)| *v = f32::from_le_bytes(*b));
         }
         Ok(())
     }
@@ -431,7 +502,7 @@ impl Failure {
 impl Tree {
     fn read_topology(&mut self, stream: &mut Stream, limit_bytes: u64) -> Result<(), Failure> {
         stream.cursor.take(4, "the number of buffers")?;
-        stream.background = stream.cursor.f32("the background")?;
+        stream.background = stream.value("the background")?;
         if stream.background != 0.0 {
             let what = format!(
                 "the background is {}; a density must be 0 outside (is this a level set? convert it to a fog volume)",
@@ -444,7 +515,7 @@ impl Tree {
         let mut seen = BTreeSet::new();
         for _ in 0..tile_count {
             let corner = root_corner(&mut stream.cursor, &mut seen)?;
-            let value = stream.cursor.f32("a root tile")?;
+            let value = stream.value("a root tile")?;
             stream.cursor.take(1, "a root tile")?;
             self.add_tile(corner, UPPER.voxels(), value, limit_bytes)?;
         }
@@ -588,4 +659,98 @@ fn root_corner(cursor: &mut Cursor, seen: &mut BTreeSet<[i32; 3]>) -> Result<IVe
         return Err(at.malformed(format!("a second root child at voxel {corner:?}")));
     }
     Ok(IVec3::from_array(corner))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file with one grid of colours, as OpenVDB stores it without compression: a leaf whose voxel (x, y, z) is `color`, and a
+    /// tile of 16 × 8³ voxels… of the lower node's second place.
+    fn color_file(is_half: bool, color: impl Fn([usize; 3]) -> [f32; 3]) -> Vec<u8> {
+        let text = |out: &mut Vec<u8>, s: &str| {
+            out.extend((s.len() as u32).to_le_bytes());
+            out.extend(s.as_bytes());
+        };
+        let put = |out: &mut Vec<u8>, v: [f32; 3]| {
+            for x in v {
+                if is_half { out.extend(f16::from_f32(x).to_le_bytes()) } else { out.extend(x.to_le_bytes()) }
+            }
+        };
+        let mask = |places: usize, on: Option<usize>| {
+            let mut bytes = vec![0u8; places / 8];
+            if let Some(i) = on {
+                bytes[i / 8] |= 1 << (i % 8);
+            }
+            bytes
+        };
+        let mut out = Vec::new();
+        out.extend(MAGIC.to_le_bytes());
+        out.extend(224u32.to_le_bytes());
+        out.extend([0; 8]);
+        out.push(1);
+        out.extend([b'0'; 36]);
+        out.extend(0u32.to_le_bytes());
+        out.extend(1u32.to_le_bytes());
+        text(&mut out, "fire");
+        text(&mut out, &format!("{COLOR_TREE}{}", if is_half { HALF_SUFFIX } else { "" }));
+        text(&mut out, "");
+        let offsets_at = out.len();
+        out.extend([0; 24]);
+        let grid_at = out.len() as i64;
+        // No compression, no metadata.
+        out.extend(0u32.to_le_bytes());
+        out.extend(0u32.to_le_bytes());
+        text(&mut out, "UniformScaleMap");
+        for x in [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0, 4.0, 4.0, 4.0, 1.0, 1.0, 1.0f64] {
+            out.extend(x.to_le_bytes());
+        }
+        out.extend(1u32.to_le_bytes());
+        [0.0f32; 3].iter().for_each(|x| out.extend(x.to_le_bytes()));
+        out.extend(0u32.to_le_bytes());
+        out.extend(1u32.to_le_bytes());
+        [0i32; 3].iter().for_each(|x| out.extend(x.to_le_bytes()));
+        for kind in [UPPER, LOWER] {
+            out.extend(mask(kind.places(), Some(0)));
+            out.extend(mask(kind.places(), None));
+            out.push(6);
+            for place in 0..kind.places() {
+                let is_tile = kind.places() == LOWER.places() && place == 1;
+                put(&mut out, if is_tile { [1.0, 2.0, 3.0] } else { [0.0; 3] });
+            }
+        }
+        out.extend(mask(512, None));
+        out.extend(mask(512, None));
+        out.push(6);
+        // OpenVDB's order: x slowest.
+        for i in 0..512 {
+            put(&mut out, color([i >> 6, i >> 3 & 7, i & 7]));
+        }
+        let end = out.len() as i64;
+        for (i, offset) in [grid_at, grid_at, end].into_iter().enumerate() {
+            out[offsets_at + 8 * i..offsets_at + 8 * i + 8].copy_from_slice(&offset.to_le_bytes());
+        }
+        out
+    }
+
+    #[test]
+    fn colours_are_read_channel_by_channel() {
+        for is_half in [false, true] {
+            let color = |[x, y, z]: [usize; 3]| [x as f32, 10.0 + y as f32, 0.25 * z as f32];
+            let file = color_file(is_half, color);
+            let grids = parse_color_grid(&file, "fire", 1 << 28).expect("a sound file");
+            for (channel, grid) in grids.iter().enumerate() {
+                for p in [[0, 0, 0], [1, 2, 3], [7, 7, 7], [5, 0, 6]] {
+                    let voxel = IVec3::from_array(p.map(|x| x as i32));
+                    assert_eq!(grid.voxel(voxel), color(p)[channel], "{p:?}, channel {channel}");
+                }
+                // The tile beside it along z.
+                assert_eq!(grid.voxel(IVec3::new(3, 3, 9)), 1.0 + channel as f32);
+                assert_eq!(grid.voxel_size(), 0.5);
+            }
+            assert!(parse_float_grid(&file, "fire", 1 << 28).is_err(), "colours are no density");
+            assert!(parse_color_grid(&file[..file.len() - 1], "fire", 1 << 28).is_err(), "cut");
+            assert!(parse_color_grid(&file, "smoke", 1 << 28).is_err());
+        }
+    }
 }

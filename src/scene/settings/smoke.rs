@@ -26,6 +26,9 @@ pub struct Smoke {
     /// Changes the density, of particles or of a file, before it is lit or baked. Default as it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remap: Option<Remap>,
+    /// Detail finer than the voxels, which light meets and `bake` does not write. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<Detail>,
     /// What the smoke does to light.
     #[serde(default)]
     pub medium: Medium,
@@ -38,7 +41,9 @@ pub struct Smoke {
 impl Smoke {
     /// Whether it gives off light.
     pub fn glows(&self) -> bool {
-        self.medium.glows() || self.blackbody.is_some()
+        self.medium.glows()
+            || self.blackbody.is_some()
+            || self.file.as_ref().is_some_and(|file| file.emission.is_some())
     }
 }
 
@@ -232,6 +237,18 @@ pub struct DensityFile {
     /// Name of the grid of temperatures in it, for `smoke.blackbody`. Default temperature.
     #[serde(default = "temperature_name", skip_serializing_if = "is_temperature_name")]
     pub temperature: String,
+    /// Name of a grid in it of light that is given off [W/(m³ sr)]: of colours (`vec3s`), or of numbers for white. It shines
+    /// also where there is no density. Not with `blackbody`. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emission: Option<String>,
+    /// Factor on that light. Default 1.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[schemars(range(min = 0.0, max = 1e9))]
+    pub emission_gain: f64,
+}
+
+fn is_one(factor: &f64) -> bool {
+    *factor == 1.0
 }
 
 fn temperature_name() -> String {
@@ -298,6 +315,67 @@ impl Remap {
         let share = ((f64::from(density) - low) / (high - low)).clamp(0.0, 1.0);
         (self.out.unwrap_or(high - low) * share.powf(self.gamma)) as f32
     }
+}
+
+/// Detail finer than voxels: wherever light asks, the density is multiplied by 1 + strength · s, with s between −1 and 1 of
+/// noise that flows (Perlin and Neyret 2001). The mean of the factor is 1. All light is unbiased, at a cost: flights take up to
+/// twice the steps, each of which asks for the noise; lamps amid the smoke are noisier, and so is light that it gives off.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Detail {
+    /// Size of the largest swirls [m]: some voxels.
+    #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
+    pub length_scale: f64,
+    /// Most that the factor differs from 1. Default 0.8.
+    #[serde(default = "detail_strength")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub strength: f64,
+    /// Factor on the noise, a third of 1 in the mean, before it is cut at −1 and 1: 1 is soft, 10 has edges. Default 2.
+    #[serde(default = "two")]
+    #[schemars(range(min = 0.1, max = 1000.0))]
+    pub contrast: f64,
+    /// How many sizes of swirls. Default 3.
+    #[serde(default = "three")]
+    #[schemars(range(min = 1, max = 8))]
+    pub octaves: u32,
+    /// Ratio of sizes of swirls. Default 2.
+    #[serde(default = "two")]
+    #[schemars(range(min = 1.1, max = 10.0))]
+    pub lacunarity: f64,
+    /// Factor on the strength from one size to the next. Default 0.6.
+    #[serde(default = "detail_gain")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub gain: f64,
+    /// Turns per second of the largest swirls in place [1/s]. Default 0.
+    #[serde(default)]
+    #[schemars(range(min = -1000.0, max = 1000.0))]
+    pub spin_rate: f64,
+    /// How far small swirls are carried along where the sum of the larger ones is 1 [m] (pseudo-advection): a part of
+    /// `length_scale` lets them bulge this way like a cauliflower. Default none.
+    #[serde(default)]
+    pub displacement: Vec3,
+    /// Velocity of the pattern [m/s]: about that of the smoke. Default none.
+    #[serde(default)]
+    pub scroll: Vec3,
+    /// Which pattern. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+fn detail_strength() -> f64 {
+    0.8
+}
+
+fn detail_gain() -> f64 {
+    0.6
+}
+
+fn two() -> f64 {
+    2.0
+}
+
+fn three() -> u32 {
+    3
 }
 
 /// What the smoke does to light.

@@ -1,6 +1,6 @@
 //! What light flies through besides the smoke.
 
-use crate::settings::{Blackbody, DensityFile, Medium, Remap};
+use crate::settings::{Blackbody, DensityFile, Detail, Medium, Remap};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +25,9 @@ pub struct Volume {
     /// Changes the density of a file before it is lit. Default as it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remap: Option<Remap>,
+    /// Detail finer than the voxels of a file. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<Detail>,
     /// What it does to light.
     #[serde(default)]
     pub medium: Medium,
@@ -33,6 +36,8 @@ pub struct Volume {
 impl Volume {
     /// Whether it gives off light.
     pub fn glows(&self) -> bool {
-        self.medium.glows() || self.blackbody.is_some()
+        self.medium.glows()
+            || self.blackbody.is_some()
+            || self.file.as_ref().is_some_and(|file| file.emission.is_some())
     }
 }
