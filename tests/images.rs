@@ -103,7 +103,10 @@ macro_rules! scenes {
     )* };
 }
 
-scenes!(thin, solids, ring_small, dense, inside, veil, sky, glass, tint, droplets, focus, hot, globe, parallel, lights);
+scenes!(
+    thin, solids, ring_small, dense, inside, veil, sky, glass, tint, droplets, focus, hot, globe, parallel, lights, volumes,
+    detail
+);
 
 /// Nothing to prove while references are being made.
 fn is_remaking() -> bool {
