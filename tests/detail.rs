@@ -1,5 +1,6 @@
 //! Detail finer than voxels, and light from files, with known answers.
 
+#[allow(dead_code)]
 mod support;
 
 use curlsmoke::geometry::embree::Ray;

@@ -104,8 +104,8 @@ macro_rules! scenes {
 }
 
 scenes!(
-    thin, solids, ring_small, dense, inside, veil, sky, glass, tint, droplets, focus, hot, globe, parallel, lights, volumes,
-    detail
+    thin, solids, ring_small, dense, inside, veil, sky, glass, tint, droplets, focus, hot, globe, parallel, lights,
+    volumes, detail
 );
 
 /// Nothing to prove while references are being made.

@@ -1,5 +1,6 @@
 //! Volumes that overlap, and even matter inside shapes, with known answers.
 
+#[allow(dead_code)]
 mod support;
 
 use curlsmoke::geometry::Geometry;
@@ -71,10 +72,6 @@ fn lumps(p: WorldPoint) -> f32 {
 
 fn assert_equal(found: Estimate, expected: Estimate, what: &str) {
     let error = found.standard_error.hypot(expected.standard_error);
-    println!(
-        "{what}: {} ± {}, expected {} ± {}",
-        found.mean, found.standard_error, expected.mean, expected.standard_error
-    );
     assert!((found.mean - expected.mean).abs() < 4.0 * error + 1e-6, "{what}: {found:?} {expected:?}");
 }
 

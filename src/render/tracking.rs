@@ -47,9 +47,9 @@ pub fn sample_collision(
     mut chroma: Option<&mut Chroma>,
 ) -> Event {
     let mut flight = Flight { tau_left: optical_distance(u) };
-    let line = medium.ray_to_index(ray);
+    let (line, sigma_max) = (medium.ray_to_index(ray), medium.sigma_max(1.0));
     for segment in medium.majorants(ray, t_max) {
-        let mut piece = Piece::new(medium, line, &segment);
+        let mut piece = Piece::new(medium, line, sigma_max, &segment);
         if piece.is_dense() {
             if let Some(chroma) = chroma.as_deref_mut() {
                 if let Some(t) = cross_in_color(&piece, &mut flight, chroma) {
@@ -105,10 +105,10 @@ fn cross_in_color(piece: &Piece, flight: &mut Flight, chroma: &mut Chroma) -> Op
 /// As [`estimate_transmittance`], for each channel of smoke with a tint: `ratios` are the extinctions over the largest.
 pub fn estimate_tinted_transmittance(medium: &Medium, ratios: Vec3, ray: &Ray, t_max: f32, stream: &mut Stream) -> Rgb {
     let mut transmittance = Vec3::ONE;
-    let line = medium.ray_to_index(ray);
+    let (line, sigma_max) = (medium.ray_to_index(ray), medium.sigma_max(1.0));
     let mut flight = Flight { tau_left: optical_distance(stream.uniform()) };
     for segment in medium.majorants(ray, t_max) {
-        let mut piece = Piece::new(medium, line, &segment);
+        let mut piece = Piece::new(medium, line, sigma_max, &segment);
         if piece.is_dense() {
             if let Crossing::Through(tau) = piece.cross(f64::INFINITY) {
                 transmittance *= (ratios * -tau as f32).exp();
@@ -145,9 +145,9 @@ fn survives_in_color(transmittance: &mut Rgb, stream: &mut Stream) -> bool {
 pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &mut Stream) -> f32 {
     let mut transmittance = 1.0;
     let mut flight: Option<Flight> = None;
-    let line = medium.ray_to_index(ray);
+    let (line, sigma_max) = (medium.ray_to_index(ray), medium.sigma_max(1.0));
     for segment in medium.majorants(ray, t_max) {
-        let mut piece = Piece::new(medium, line, &segment);
+        let mut piece = Piece::new(medium, line, sigma_max, &segment);
         if piece.is_dense() {
             if let Crossing::Through(tau) = piece.cross(f64::INFINITY) {
                 transmittance *= (-tau).exp() as f32;
@@ -199,8 +199,8 @@ struct Piece<'a> {
 
 impl<'a> Piece<'a> {
     #[inline(always)]
-    fn new(medium: &'a Medium, line: IndexRay, segment: &Segment) -> Self {
-        let sigma_maj = medium.sigma_max(segment.density_max);
+    fn new(medium: &'a Medium, line: IndexRay, sigma_max: f32, segment: &Segment) -> Self {
+        let sigma_maj = sigma_max * segment.density_max;
         Self { medium, line, sigma_maj, t: segment.t0, end: segment.t1 }
     }
 
