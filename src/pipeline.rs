@@ -11,6 +11,7 @@ use crate::flow::Flow;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::vdb;
 use crate::inspect::Inspection;
+use crate::math::parallel;
 use crate::output::film_image::{Origin, image_of_film};
 use crate::output::frames::check_distinct;
 use crate::output::image::SampleKind;
@@ -466,7 +467,7 @@ fn write_frame(
     progress.end(Stage::Write);
     record.add_time(Stage::Write, start.elapsed());
     record.memory_peak = sidecar::memory_peak();
-    record.host = sidecar::this_host(rayon::current_num_threads());
+    record.host = sidecar::this_host(parallel::thread_count());
     // Last: where it stands, the frame is whole.
     record.write(sidecar_file)?;
     on_frame(&FrameOutcome::Made(Box::new(record)));

@@ -209,6 +209,19 @@ fn unsafe_code_stays_with_the_foreign_libraries() {
 }
 
 #[test]
+fn work_is_shared_out_in_one_place() {
+    // The command line makes the pool; all else that names the library is compiled once more for each type it is used with.
+    let places = ["math/parallel.rs", "cli/frames.rs"];
+    let mut problems = Vec::new();
+    for source in sources().iter().filter(|s| !places.contains(&s.name.as_str())) {
+        for (number, _, _) in source.lines.iter().filter(|(_, line, in_tests)| line.contains("rayon::") && !in_tests) {
+            problems.push(format!("src/{}:{number}: rayon outside {places:?}", source.name));
+        }
+    }
+    complain(problems);
+}
+
+#[test]
 fn only_the_command_line_prints() {
     const PRINTING: [&str; 7] = ["println!", "eprintln!", "print!", "eprint!", "dbg!", "stdout()", "stderr()"];
     let mut problems = Vec::new();

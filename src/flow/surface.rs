@@ -7,9 +7,9 @@ use crate::flow::simplex::Simplex;
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
+use crate::math::parallel;
 use crate::math::real::{Lane, dot, triple};
 use glam::{DVec3, UVec3};
-use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
 /// Cells along an edge of a block of the cache.
@@ -136,11 +136,11 @@ impl Cache {
         let table: u64 = dims.element_product().into();
         // Blocks that the surface may pass through.
         let reach = 0.5 * 3f64.sqrt() * edge + off_the_surface(solid);
-        let is_near = |i: &u32| {
+        let is_near = |i: u32| {
             let block = UVec3::new(i % dims.x, i / dims.x % dims.y, i / dims.x / dims.y).as_dvec3();
             solid.distance((corner + (block + 0.5) * edge).to_array()).abs() <= reach
         };
-        let blocks = (0..dims.element_product()).into_par_iter().filter(is_near).count() as u64;
+        let blocks = parallel::sum(table as usize, |i| is_near(i as u32).into());
         if blocks * BLOCK_BYTES + table * size_of::<OnceLock<Box<Block>>>() as u64 > bytes {
             return None;
         }
@@ -337,7 +337,7 @@ mod tests {
         let starts: Vec<_> = (0..240).map(|_| on_surface(solid, &mut rng)).collect();
         let ends = |steps, back| -> Vec<DVec3> {
             let flow = flow(solid, 1.0, steps, back);
-            starts.par_iter().map(|p| DVec3::from_array(flow.origin(*p))).collect()
+            parallel::map(starts.len(), |i| DVec3::from_array(flow.origin(starts[i])))
         };
         let truth = ends(2048, once);
         let back = flow(solid, -1.0, 2048, once);

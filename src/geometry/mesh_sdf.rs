@@ -15,9 +15,9 @@ use crate::geometry::triangle::closest_point;
 use crate::math::aabb::Aabb;
 use crate::math::jet::{Jet, Scalar};
 use crate::math::lattice::Lattice;
+use crate::math::parallel;
 use crate::math::real::{Lane, Real, triple};
 use glam::{DVec3, UVec3, Vec3};
-use rayon::prelude::*;
 
 /// Cells of the inner lattice along the longest edge, where the spacing is not given. Twice as many take eight times
 /// the time and memory; at 96 the walls of a ball are right to a 20,000th of its size.
@@ -96,12 +96,12 @@ impl MeshSdf {
             let (needed_gib, limit_gib) = (needed / gib, memory_limit as f64 / gib);
             return Err(MeshSdfError::Memory { spacing, size, needed_gib, limit_gib });
         }
-        let (inner_samples, outer_samples) = rayon::join(|| inner.sample(mesh), || outer.sample(mesh));
-        let inside_samples = inner_samples.values().iter().filter(|d| **d < 0.0).count();
+        let samples = parallel::map(2, |i| [&inner, &outer][i].sample(mesh));
+        let inside_samples = samples[0].values().iter().filter(|d| **d < 0.0).count();
         Ok(Self {
             bounds,
-            inner: Spline::new(inner.origin, inner.spacing, &inner_samples),
-            outer: Spline::new(outer.origin, outer.spacing, &outer_samples),
+            inner: Spline::new(inner.origin, inner.spacing, &samples[0]),
+            outer: Spline::new(outer.origin, outer.spacing, &samples[1]),
             blend: (INNER_MARGIN - INNER_ALONE) * spacing,
             inside_samples,
         })
@@ -264,8 +264,8 @@ impl Plan {
         let (dims, band) = (self.dims(), BAND * self.spacing as f32);
         let slice = (dims.x * dims.y) as usize;
         // Slabs of a few layers in parallel: each sees all triangles, in the same order.
-        let depth = (dims.z as usize).div_ceil(4 * rayon::current_num_threads()).max(4);
-        samples.values_mut().par_chunks_mut(slice * depth).enumerate().for_each(|(slab, values)| {
+        let depth = (dims.z as usize).div_ceil(4 * parallel::thread_count()).max(4);
+        parallel::for_each(samples.values_mut().chunks_mut(slice * depth), |slab, values| {
             let z0 = (slab * depth) as u32;
             let z1 = z0 + (values.len() / slice) as u32;
             for (i, triangle) in corners.iter().enumerate() {

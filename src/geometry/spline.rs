@@ -7,9 +7,9 @@
 
 use crate::math::jet::Scalar;
 use crate::math::lattice::Lattice;
+use crate::math::parallel;
 use crate::math::real::{Lane, MAX_WIDTH, triple};
 use glam::{DVec3, UVec3};
-use rayon::prelude::*;
 
 /// A field on a lattice whose first sample sits at `origin`.
 #[derive(Debug, Clone)]
@@ -48,7 +48,7 @@ impl Spline {
         let slice = nx * ny;
         let mut values = samples.values().to_vec();
         let [along_x, along_y, along_z] = dims.to_array().map(Filter::new);
-        values.par_chunks_mut(slice).for_each(|plane| {
+        parallel::for_each_chunk_mut(&mut values, slice, |_, plane| {
             plane.chunks_mut(nx).for_each(|row| along_x.apply(row, 1));
             along_y.apply(plane, nx);
         });

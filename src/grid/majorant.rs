@@ -7,9 +7,9 @@
 
 use crate::grid::{BRICK_EDGE, DensityGrid, box_points, stored_offset};
 use crate::math::lattice::Lattice;
+use crate::math::parallel;
 use crate::math::space::{UnitVec3, WorldPoint};
 use glam::{UVec3, Vec3, Vec3A};
-use rayon::prelude::*;
 
 /// Voxels along the edge of a cell of the majorant: smaller cells bound more tightly, larger ones take fewer steps.
 pub const CELL_EDGE: usize = 4;
@@ -78,30 +78,26 @@ impl MajorantGrid {
 
 /// Maximum of the samples that any point of a cell interpolates from: its own and the first layer beyond.
 fn cell_maxima(grid: &DensityGrid, dims: UVec3) -> Lattice<f32> {
-    let place = |i: usize| {
+    let mut maxima = Lattice::filled(dims, 0.0);
+    parallel::for_each_mut(maxima.values_mut(), |i, maximum| {
         let (x, rest) = (i as u32 % dims.x, i as u32 / dims.x);
-        UVec3::new(x, rest % dims.y, rest / dims.y)
-    };
-    let values = (0..dims.element_product() as usize)
-        .into_par_iter()
-        .map(|i| {
-            let cell = place(i);
-            let brick_idx = grid.directory.at(cell / CELLS_PER_BRICK as u32);
-            if brick_idx == 0 {
-                return 0.0;
-            }
+        let cell = UVec3::new(x, rest % dims.y, rest / dims.y);
+        let brick_idx = grid.directory.at(cell / CELLS_PER_BRICK as u32);
+        if brick_idx > 0 {
             let brick = &grid.bricks[brick_idx as usize];
             let low = cell % CELLS_PER_BRICK as u32 * CELL_EDGE as u32;
-            box_points(UVec3::splat(CELL_EDGE as u32 + 1)).map(|p| brick[stored_offset(low + p)]).fold(0.0, f32::max)
-        })
-        .collect();
-    Lattice::from_values(dims, values)
+            let samples = box_points(UVec3::splat(CELL_EDGE as u32 + 1)).map(|p| brick[stored_offset(low + p)]);
+            *maximum = samples.fold(0.0, f32::max);
+        }
+    });
+    maxima
 }
 
 /// Bounds of the occupied cells, in their order. A list and no second lattice: most cells are empty.
 fn bounds_of_occupied(cells: &Lattice<f32>) -> Vec<f32> {
     let dims = cells.dims();
-    let bound = |(i, &maximum): (usize, &f32)| {
+    let bound = |i: usize| {
+        let maximum = cells.values()[i];
         if maximum <= 0.0 {
             return None;
         }
@@ -113,7 +109,7 @@ fn bounds_of_occupied(cells: &Lattice<f32>) -> Vec<f32> {
         // the last factor covers the rounding of the interpolation itself.
         Some((maximum + 3.0 * SLACK * (around - maximum)) * (1.0 + 4.0 * f32::EPSILON))
     };
-    cells.values().par_iter().enumerate().filter_map(bound).collect()
+    parallel::gather(cells.values().len(), |i, bounds| bounds.extend(bound(i)))
 }
 
 /// Writes into every empty cell how far occupied ones are at least: two sweeps that look at the cells already swept

@@ -17,9 +17,9 @@ pub mod vdb;
 
 use crate::math::aabb::Aabb;
 use crate::math::lattice::Lattice;
+use crate::math::parallel;
 use crate::math::space::WorldPoint;
 use glam::{DVec3, IVec3, UVec3, Vec3};
-use rayon::prelude::*;
 
 /// Voxels along the edge of a brick.
 pub const BRICK_EDGE: usize = 8;
@@ -138,10 +138,7 @@ impl DensityGrid {
         let (directory, occupied) = occupied_bricks(&sources, coords, values, brick_min);
         check_memory(dims.as_u64vec3(), occupied.len() as u64, 0, memory_limit_bytes)?;
         let mut bricks = vec![[0.0; STORED_SAMPLES]; occupied.len() + 1];
-        bricks[1..]
-            .par_iter_mut()
-            .zip(&occupied)
-            .for_each(|(brick, &place)| fill_brick(brick, place, &sources, values));
+        parallel::for_each_mut(&mut bricks[1..], |i, brick| fill_brick(brick, occupied[i], &sources, values));
         let h = f64::from(voxel_size);
         Ok(Self {
             voxel_size,
@@ -170,14 +167,13 @@ impl DensityGrid {
         let bricks_each = (dims.as_u64vec3() + (BRICK_EDGE as u64 - 1)) / BRICK_EDGE as u64;
         check_memory(bricks_each, bricks_each.element_product(), 0, memory_limit_bytes)?;
         let coords: Vec<IVec3> = box_points(bricks_each.as_uvec3()).map(|p| p.as_ivec3()).collect();
-        let bricks: Vec<BrickValues> = coords
-            .par_iter()
-            .map(|&c| {
-                std::array::from_fn(|i| {
-                    values.get(c * BRICK_EDGE as i32 + local_voxel(i).as_ivec3()).unwrap_or_default()
-                })
-            })
-            .collect();
+        let mut bricks = vec![[0.0; BRICK_VOXELS]; coords.len()];
+        parallel::for_each_mut(&mut bricks, |n, brick| {
+            for (i, value) in brick.iter_mut().enumerate() {
+                let voxel = coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
+                *value = values.get(voxel).unwrap_or_default();
+            }
+        });
         Self::from_bricks(origin.0.as_dvec3(), voxel_size, &coords, &bricks, memory_limit_bytes)
     }
 
@@ -194,21 +190,20 @@ impl DensityGrid {
     ) -> Result<Self, GridError> {
         let bricks_each = (dims.as_u64vec3() + (BRICK_EDGE as u64 - 1)) / BRICK_EDGE as u64;
         check_memory(bricks_each, bricks_each.element_product(), 0, memory_limit_bytes)?;
-        let row = |i: usize| {
-            let (j, k) = (i as u32 % dims.y, i as u32 / dims.y);
-            let density = &density;
-            (0..dims.x)
-                .map(move |i| density(origin + (UVec3::new(i, j, k).as_vec3() + 0.5) * voxel_size))
-                .collect::<Vec<_>>()
-        };
-        let values = (0..dims.y as usize * dims.z as usize).into_par_iter().flat_map_iter(row).collect();
-        Self::from_dense(origin, voxel_size, &Lattice::from_values(dims, values), memory_limit_bytes)
+        let mut values = Lattice::filled(dims, 0.0);
+        parallel::for_each_chunk_mut(values.values_mut(), dims.x.max(1) as usize, |n, row| {
+            let (j, k) = (n as u32 % dims.y, n as u32 / dims.y);
+            for (i, value) in row.iter_mut().enumerate() {
+                *value = density(origin + (UVec3::new(i as u32, j, k).as_vec3() + 0.5) * voxel_size);
+            }
+        });
+        Self::from_dense(origin, voxel_size, &values, memory_limit_bytes)
     }
 
     /// Every density replaced by what `change` makes of it: finite, at least 0, and 0 of 0, since there is smoke nowhere else.
     pub fn map(mut self, change: impl Fn(f32) -> f32 + Sync) -> Self {
         debug_assert_eq!(change(0.0), 0.0, "what is outside of the grid cannot become smoke");
-        self.bricks.par_iter_mut().for_each(|brick| brick.iter_mut().for_each(|value| *value = change(*value)));
+        parallel::for_each_mut(&mut self.bricks, |_, brick| brick.iter_mut().for_each(|value| *value = change(*value)));
         self
     }
 
@@ -240,14 +235,15 @@ impl DensityGrid {
 
     /// Total mass, Σ density·h³ [density·m³], summed in a fixed order.
     pub fn mass(&self) -> f64 {
-        let sums: Vec<f64> =
-            self.bricks.par_iter().map(|b| own_voxels(b).map(|(_, v)| f64::from(v)).sum::<f64>()).collect();
+        let sum = |n: usize| own_voxels(&self.bricks[n]).map(|(_, v)| f64::from(v)).sum::<f64>();
+        let sums = parallel::map(self.bricks.len(), sum);
         sums.iter().sum::<f64>() * f64::from(self.voxel_size).powi(3)
     }
 
     /// Voxels whose density is not zero.
     pub fn active_voxel_count(&self) -> u64 {
-        self.bricks.par_iter().map(|b| own_voxels(b).filter(|&(_, v)| v != 0.0).count() as u64).sum()
+        let count = |n: usize| own_voxels(&self.bricks[n]).filter(|&(_, v)| v != 0.0).count() as u64;
+        parallel::sum(self.bricks.len(), count)
     }
 
     /// Stored bricks.
@@ -257,7 +253,8 @@ impl DensityGrid {
 
     /// Largest density of all voxels.
     pub fn max_density(&self) -> f32 {
-        self.bricks.par_iter().map(|b| b.iter().copied().fold(0.0, f32::max)).reduce(|| 0.0, f32::max)
+        let largest = |n: usize| self.bricks[n].iter().copied().fold(0.0, f32::max);
+        parallel::map(self.bricks.len(), largest).into_iter().fold(0.0, f32::max)
     }
 
     /// Memory that the grid holds [bytes].
@@ -304,13 +301,12 @@ fn own_voxels(brick: &StoredBrick) -> impl Iterator<Item = (usize, f32)> + '_ {
 
 fn check_values(coords: &[IVec3], values: &[BrickValues]) -> Result<(), GridError> {
     let bad = |b: &BrickValues| b.iter().position(|v| !(*v >= 0.0 && v.is_finite()));
-    match values.par_iter().enumerate().find_first(|(_, b)| bad(b).is_some()) {
+    match parallel::find_first(values.len(), |idx| Some((idx, bad(&values[idx])?))) {
         None => Ok(()),
-        Some((idx, brick)) => {
-            let i = bad(brick).unwrap_or_default();
+        Some((idx, i)) => {
             let voxel =
                 coords[idx].saturating_mul(IVec3::splat(BRICK_EDGE as i32)).saturating_add(local_voxel(i).as_ivec3());
-            Err(GridError::BadDensity { voxel, value: brick[i] })
+            Err(GridError::BadDensity { voxel, value: values[idx][i] })
         }
     }
 }
@@ -370,7 +366,7 @@ fn occupied_bricks(
 ) -> (Lattice<u32>, Vec<UVec3>) {
     let dims = sources.dims();
     // Bit (x, y, z): some voxel of the brick's low faces along the axes set is not zero (bit 0: any voxel at all).
-    let faces: Vec<u8> = values.par_iter().map(low_faces).collect();
+    let faces: Vec<u8> = parallel::map(values.len(), |idx| low_faces(&values[idx]));
     let is_occupied = |p: UVec3| {
         (0..8u32).any(|towards| {
             let step = UVec3::new(towards & 1, (towards >> 1) & 1, towards >> 2);
@@ -381,11 +377,15 @@ fn occupied_bricks(
         })
     };
     // Only a given brick and those below it can be: the box around a few far bricks is large and empty.
-    let below = |&c: &IVec3| box_points(UVec3::splat(2)).map(move |step| (c - brick_min).as_uvec3() - step);
-    let mut occupied: Vec<UVec3> = coords.par_iter().flat_map_iter(below).collect();
-    occupied.par_sort_unstable_by_key(|&p| sources.offset(p));
-    occupied.dedup();
-    let occupied: Vec<UVec3> = occupied.into_par_iter().filter(|&p| is_occupied(p)).collect();
+    let mut below: Vec<u64> = parallel::gather(coords.len(), |n, offsets| {
+        let own = (coords[n] - brick_min).as_uvec3();
+        offsets.extend(box_points(UVec3::splat(2)).map(|step| sources.offset(own - step) as u64));
+    });
+    parallel::sort(&mut below);
+    below.dedup();
+    let occupied: Vec<UVec3> = parallel::gather(below.len(), |n, places| {
+        places.extend(Some(sources.point(below[n] as usize)).filter(|&p| is_occupied(p)));
+    });
     let mut directory = Lattice::filled(dims, 0u32);
     for (i, &p) in occupied.iter().enumerate() {
         directory.set(p, i as u32 + 1);

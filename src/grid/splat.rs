@@ -10,8 +10,8 @@
 use crate::grid::kernel::{Kernel, MAX_RADIUS, MAX_WIDTH, MIN_RADIUS, reach, touches};
 use crate::grid::soft::{BrickDistances, ObstacleDistance, SHARE_MIN, Sight, Sounding, SplatMass, fade, gain};
 use crate::grid::{BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, check_memory};
+use crate::math::parallel;
 use glam::{DVec3, IVec3, UVec3};
-use rayon::prelude::*;
 
 /// Most pieces that the streak of one particle is split into; longer streaks than 256 kernel radii become dotted.
 pub const MAX_PIECES: u32 = 512;
@@ -69,7 +69,7 @@ pub fn splat(input: &SplatInput, settings: &SplatSettings) -> Result<Splat, Grid
         return Ok(Splat { grid, mass: SplatMass::default() });
     };
     let dims = (brick_max - brick_min + 1).as_u64vec3();
-    let pair_count: u64 = splatter.indices().map(|i| splatter.brick_count(i)).sum();
+    let pair_count = parallel::sum(input.mass.len(), |i| splatter.brick_count(i));
     let pair_bytes = pair_count.saturating_mul(2 * size_of::<u64>() as u64);
     check_memory(dims, 0, pair_bytes, limit)?;
     let dims = dims.as_uvec3();
@@ -80,10 +80,10 @@ pub fn splat(input: &SplatInput, settings: &SplatSettings) -> Result<Splat, Grid
     let held_bytes = pair_bytes.saturating_add(splatter.wall_bytes(&bricks));
     check_memory(dims.as_u64vec3(), bricks.len() as u64, held_bytes, limit)?;
     let walls = splatter.measure_walls(&bricks);
-    let values: Vec<BrickValues> = (0..bricks.len())
-        .into_par_iter()
-        .map(|n| splatter.sum_brick(&bricks[n], walls.distances.get(n).and_then(Option::as_deref), &walls.kept))
-        .collect();
+    let mut values: Vec<BrickValues> = vec![[0.0; BRICK_VOXELS]; bricks.len()];
+    parallel::for_each_mut(&mut values, |n, values| {
+        *values = splatter.sum_brick(&bricks[n], walls.distances.get(n).and_then(Option::as_deref), &walls.kept);
+    });
     let coords: Vec<IVec3> = bricks.iter().map(|b| b.brick).collect();
     let mut mass = splatter.account(&walls.kept);
     drop((walls, bricks, chunks));
@@ -143,7 +143,7 @@ impl<'a> Splatter<'a> {
             sight: input.obstacles.filter(|_| is_soft).map(|o| Sight::new(o, h)),
             soft_radius: settings.soft_radius.map(|r| r / h),
         };
-        match (0..count).into_par_iter().find_map_first(|i| splatter.complaint(i)) {
+        match parallel::find_first(count, |i| splatter.complaint(i)) {
             Some(error) => Err(error),
             None => Ok(splatter),
         }
@@ -178,11 +178,6 @@ impl<'a> Splatter<'a> {
         None
     }
 
-    /// Particles that weigh something.
-    fn indices(&self) -> impl ParallelIterator<Item = usize> + '_ {
-        (0..self.input.mass.len()).into_par_iter().filter(|&i| self.input.mass[i] > 0.0)
-    }
-
     fn radius(&self, i: usize) -> f64 {
         (f64::from(self.input.radius[i]) * self.inverse_voxel_size).max(MIN_RADIUS)
     }
@@ -207,10 +202,11 @@ impl<'a> Splatter<'a> {
         })
     }
 
-    /// First and last brick that each piece of particle `i` reaches.
+    /// First and last brick that each piece of particle `i` reaches; none for one that weighs nothing.
     fn brick_ranges(&self, i: usize) -> impl Iterator<Item = (IVec3, IVec3)> {
         let radius = self.radius(i);
-        self.centers(i).map(move |c| {
+        let centers = (self.input.mass[i] > 0.0).then(|| self.centers(i));
+        centers.into_iter().flatten().map(move |c| {
             let (low, high) = reach(c, radius);
             (low >> 3, high >> 3)
         })
@@ -247,24 +243,19 @@ impl<'a> Splatter<'a> {
     /// First and last brick that any particle reaches.
     fn brick_box(&self) -> Option<(IVec3, IVec3)> {
         let widen = |(a, b): (IVec3, IVec3), (c, d): (IVec3, IVec3)| (a.min(c), b.max(d));
-        self.indices().filter_map(|i| self.brick_ranges(i).reduce(widen)).reduce_with(widen)
+        parallel::reduce(self.input.mass.len(), |i| self.brick_ranges(i).reduce(widen), widen)
     }
 
     /// Place of the brick in the box (upper half) and particle (lower half) of every pair, in order.
     fn sorted_pairs(&self, brick_min: IVec3, dims: UVec3) -> Vec<u64> {
-        let mut pairs: Vec<u64> = self
-            .indices()
-            .fold(Vec::new, |mut pairs, i| {
-                self.for_each_brick(i, |brick| {
-                    let p = (brick - brick_min).as_uvec3();
-                    let place = (p.z * dims.y + p.y) * dims.x + p.x;
-                    pairs.push(u64::from(place) << 32 | i as u64);
-                });
-                pairs
-            })
-            .flatten()
-            .collect();
-        pairs.par_sort_unstable();
+        let mut pairs: Vec<u64> = parallel::gather(self.input.mass.len(), |i, pairs| {
+            self.for_each_brick(i, |brick| {
+                let p = (brick - brick_min).as_uvec3();
+                let place = (p.z * dims.y + p.y) * dims.x + p.x;
+                pairs.push(u64::from(place) << 32 | i as u64);
+            });
+        });
+        parallel::sort(&mut pairs);
         pairs
     }
 
@@ -298,27 +289,24 @@ impl<'a> Splatter<'a> {
     fn measure_walls(&self, bricks: &[BrickPairs]) -> Walls {
         let Some(sight) = &self.sight else { return Walls { kept: Vec::new(), distances: Vec::new() } };
         let count = self.input.mass.len();
-        let is_near: Vec<bool> =
-            (0..count).into_par_iter().map(|i| self.input.mass[i] > 0.0 && self.is_near_wall(sight, i)).collect();
+        let is_near = parallel::map(count, |i| self.input.mass[i] > 0.0 && self.is_near_wall(sight, i));
         let mut kept: Vec<Option<f64>> = is_near.iter().map(|&near| near.then_some(0.0)).collect();
-        let measured: Vec<_> = bricks
-            .par_iter()
-            .map(|b| {
-                let near: Vec<usize> = b.pairs.iter().map(|&pair| particle_of(pair)).filter(|&i| is_near[i]).collect();
-                if near.is_empty() {
-                    return (None, Vec::new());
-                }
-                let distances = sight.of_brick(b.brick);
-                let mut kernel = Kernel::zeroed();
-                let shares = near.into_iter().map(|i| {
-                    let mut share = 0.0;
-                    self.for_each_seen(sight, &mut kernel, b.brick, &distances, i, |_, weight| share += weight);
-                    (i as u32, share)
-                });
-                let shares: Vec<(u32, f64)> = shares.collect();
-                (Some(distances), shares)
-            })
-            .collect();
+        let measured = parallel::map(bricks.len(), |n| {
+            let b = &bricks[n];
+            let near: Vec<usize> = b.pairs.iter().map(|&pair| particle_of(pair)).filter(|&i| is_near[i]).collect();
+            if near.is_empty() {
+                return (None, Vec::new());
+            }
+            let distances = sight.of_brick(b.brick);
+            let mut kernel = Kernel::zeroed();
+            let shares = near.into_iter().map(|i| {
+                let mut share = 0.0;
+                self.for_each_seen(sight, &mut kernel, b.brick, &distances, i, |_, weight| share += weight);
+                (i as u32, share)
+            });
+            let shares: Vec<(u32, f64)> = shares.collect();
+            (Some(distances), shares)
+        });
         let mut distances = Vec::with_capacity(bricks.len());
         for (of_brick, shares) in measured {
             for (i, share) in shares {

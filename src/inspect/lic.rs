@@ -6,7 +6,7 @@
 //! the direction at its border, so the border looks like the rest.
 
 use crate::math::hash::Seed;
-use rayon::prelude::*;
+use crate::math::parallel;
 use std::f64::consts::PI;
 
 /// Length of a step [pixels].
@@ -77,17 +77,13 @@ impl Directions {
         let steps = (half_length / STEP).ceil().max(1.0) as usize;
         let window: Vec<f64> = (0..=steps).map(|n| 0.5 + 0.5 * (PI * n as f64 / (steps + 1) as f64).cos()).collect();
         let width = self.size[0];
-        let mut values: Vec<f32> = (0..self.unit.len())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|i| {
-                if self.is_solid[i] {
-                    return 0.0;
-                }
-                let start = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
-                self.smear(start, &window, seed) as f32
-            })
-            .collect();
+        let mut values = parallel::map(self.unit.len(), |i| {
+            if self.is_solid[i] {
+                return 0.0;
+            }
+            let start = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+            self.smear(start, &window, seed) as f32
+        });
         normalise(&mut values, &self.is_solid);
         values
     }

@@ -10,8 +10,8 @@ use crate::inspect::plane::Perspective;
 use crate::inspect::probe::Flow;
 use crate::inspect::streamlines::Line;
 use crate::math::interpolate::cubic_step;
+use crate::math::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Memory that a pixel of the picture takes while it is drawn [bytes].
 pub const BYTES_PER_PIXEL: u64 = SAMPLES * SAMPLES * 48 + 16;
@@ -110,19 +110,14 @@ impl<'a> Picture<'a> {
     fn draw_obstacles(&mut self, flow: &impl Flow) {
         let (size, width) = (self.size_f64(), self.size[0]);
         let limit = 8.0 * self.depths[1].max(self.focus);
-        let texels = (0..self.texels.len())
-            .into_par_iter()
-            .with_min_len(256)
-            .map(|i| {
-                let sky = self.texels[i];
-                let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-                let ray = self.camera.ray(x, y, size);
-                let Some(depth) = march(flow, self.camera.position(), ray, limit) else { return sky };
-                let colour = stone(flow, self.camera.position() + ray * depth, ray.normalize(), 1e-3 * self.focus);
-                Texel { depth, colour: self.faded(colour, depth, y) }
-            })
-            .collect();
-        self.texels = texels;
+        self.texels = parallel::map(self.texels.len(), |i| {
+            let sky = self.texels[i];
+            let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            let ray = self.camera.ray(x, y, size);
+            let Some(depth) = march(flow, self.camera.position(), ray, limit) else { return sky };
+            let colour = stone(flow, self.camera.position() + ray * depth, ray.normalize(), 1e-3 * self.focus);
+            Texel { depth, colour: self.faded(colour, depth, y) }
+        });
     }
 
     fn draw_line(&mut self, line: &Line) {

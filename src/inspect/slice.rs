@@ -2,9 +2,9 @@
 
 use crate::inspect::plane::Rectangle;
 use crate::inspect::probe::Flow;
+use crate::math::parallel;
 use crate::output::image::{Image, SampleKind};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::fmt;
 
 /// Central differences reach this share of the height of the slice to either side. Noise has a third derivative that
@@ -43,14 +43,10 @@ impl Slice {
     pub fn sample(flow: &impl Flow, time: f64, rectangle: Rectangle, size: [u32; 2]) -> Self {
         let step = DIFFERENCE * rectangle.size()[1];
         let [width, height] = size.map(|n| n as usize);
-        let samples = (0..width * height)
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|i| {
-                let [x, y] = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
-                sample_at(flow, time, rectangle.point(x / width as f64, y / height as f64), step)
-            })
-            .collect();
+        let samples = parallel::map(width * height, |i| {
+            let [x, y] = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+            sample_at(flow, time, rectangle.point(x / width as f64, y / height as f64), step)
+        });
         Self { rectangle, size, samples }
     }
 

@@ -5,7 +5,7 @@
 //! transform down the columns and a tridiagonal system along each row (Hockney 1965, *A Fast Direct Solution of
 //! Poisson's Equation Using Fourier Analysis*).
 
-use rayon::prelude::*;
+use crate::math::parallel;
 use std::f64::consts::PI;
 
 /// A stream function on pixels.
@@ -27,7 +27,7 @@ pub fn stream_function(velocity: &[[f64; 2]], size: [u32; 2], pixel: f64) -> Str
     let flux = Flux { velocity, width, pixel };
     let rhs = divergence_of_flux(&flux, width, height);
     let mut spectrum = cosine_transform(&rhs, width, height, |row, k| cosine(k, row, height));
-    spectrum.par_chunks_mut(width).enumerate().for_each(|(k, row)| {
+    parallel::for_each_chunk_mut(&mut spectrum, width, |k, row| {
         if k == 0 {
             integrate(row);
         } else {
@@ -97,7 +97,7 @@ fn cosine_transform(
     factor: impl Fn(usize, usize) -> f64 + Sync,
 ) -> Vec<f64> {
     let mut result = vec![0.0; width * height];
-    result.par_chunks_mut(width).enumerate().for_each(|(k, out)| {
+    parallel::for_each_chunk_mut(&mut result, width, |k, out| {
         for (row, values) in rows.chunks(width).enumerate() {
             let factor = factor(row, k);
             out.iter_mut().zip(values).for_each(|(o, v)| *o += factor * v);

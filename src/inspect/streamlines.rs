@@ -1,8 +1,8 @@
 //! Lines along a flow, by the classical Runge–Kutta method: stream lines of one instant, or path lines as time goes on.
 
 use crate::inspect::probe::Flow;
+use crate::math::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// A line that is to have a length in space ends after so many steps at the latest: where the air stands still it would
 /// never come to its end.
@@ -91,8 +91,7 @@ pub struct Line {
 
 /// Lines from `seeds`, in their order. Seeds inside obstacles and where nothing moves give no line.
 pub fn trace(flow: &impl Flow, seeds: &[DVec3], settings: &TraceSettings) -> Vec<Line> {
-    let lines: Vec<Option<Line>> = seeds.par_iter().with_max_len(4).map(|&seed| line(flow, seed, settings)).collect();
-    lines.into_iter().flatten().collect()
+    parallel::gather(seeds.len(), |i, lines| lines.extend(line(flow, seeds[i], settings)))
 }
 
 fn line(flow: &impl Flow, seed: DVec3, settings: &TraceSettings) -> Option<Line> {

@@ -8,8 +8,8 @@ use crate::flow::reproject::Trace;
 use crate::flow::simplex::Simplex;
 use crate::math::hash::Seed;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
+use crate::math::parallel;
 use crate::output::image::Image;
-use rayon::prelude::*;
 
 /// How a picture flows. The unit of length is its shorter edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,11 +49,13 @@ impl Warp {
         let edge = f64::from(width.min(height).max(1));
         let noise = [Simplex::new(self.length, self.seed)];
         let mut origins = vec![[0.0; 2]; width as usize * rows.len()];
-        let rows = origins.par_chunks_mut(width.max(1) as usize).zip(rows).map(|(row, y)| (f64::from(*y) + 0.5, row));
-        match &self.circle {
-            Some(circle) => rows.for_each(|(y, row)| self.row_about(circle, y, edge, row)),
-            None => rows.for_each(|(y, row)| run_kernel(Row { warp: self, noise: &noise, y, edge, row })),
-        }
+        parallel::for_each_chunk_mut(&mut origins, width.max(1) as usize, |n, row| {
+            let y = f64::from(rows[n]) + 0.5;
+            match &self.circle {
+                Some(circle) => self.row_about(circle, y, edge, row),
+                None => run_kernel(Row { warp: self, noise: &noise, y, edge, row }),
+            }
+        });
         origins
     }
 
@@ -75,8 +77,8 @@ impl Warp {
         let origins = self.origins(image.data_size);
         let mut warped = image.clone();
         for (channel, from) in warped.channels.iter_mut().zip(&image.channels) {
-            channel.data.par_iter_mut().zip(&origins).for_each(|(value, origin)| {
-                *value = value_at(&from.data, image.data_size, *origin);
+            parallel::for_each_mut(&mut channel.data, |i, value| {
+                *value = value_at(&from.data, image.data_size, origins[i]);
             });
         }
         warped

@@ -12,7 +12,7 @@ pub struct Lattice<T> {
 impl<T: Copy> Lattice<T> {
     /// All points set to `value`.
     pub fn filled(dims: UVec3, value: T) -> Self {
-        Self { dims, values: vec![value; dims.element_product() as usize] }
+        Self { dims, values: vec![value; dims.x as usize * dims.y as usize * dims.z as usize] }
     }
 
     /// Takes the values, x fastest.
@@ -33,6 +33,13 @@ impl<T: Copy> Lattice<T> {
     #[inline]
     pub fn offset(&self, p: UVec3) -> usize {
         (p.z as usize * self.dims.y as usize + p.y as usize) * self.dims.x as usize + p.x as usize
+    }
+
+    /// The point at a place in [`Lattice::values`].
+    #[inline]
+    pub fn point(&self, offset: usize) -> UVec3 {
+        let (nx, ny) = (self.dims.x as usize, self.dims.y as usize);
+        UVec3::new((offset % nx) as u32, (offset / nx % ny) as u32, (offset / nx / ny) as u32)
     }
 
     /// The value at a point inside.

@@ -7,6 +7,7 @@ pub mod interpolate;
 pub mod jet;
 pub mod lanes;
 pub mod lattice;
+pub mod parallel;
 pub mod real;
 pub mod space;
 pub mod statistics;

@@ -6,9 +6,10 @@
 use crate::flow::field::FieldSpan;
 use crate::flow::reproject::Integrator;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
+use crate::math::parallel;
 use crate::math::real::{Lane, triple};
-use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Particles that a thread takes at a time: some hundred microseconds of work.
 pub(in crate::particles) const CHUNK: usize = 1024;
@@ -131,18 +132,16 @@ pub fn advance(
     phase: Option<&[f32]>,
 ) -> u64 {
     let [x, y, z] = position;
-    let chunks = x[range.clone()]
-        .par_chunks_mut(CHUNK)
-        .zip(y[range.clone()].par_chunks_mut(CHUNK))
-        .zip(z[range].par_chunks_mut(CHUNK));
-    chunks
-        .enumerate()
-        .map(|(i, ((x, y), z))| {
-            let phase = phase.map(|p| &p[i * CHUNK..i * CHUNK + x.len()]);
-            let duration = duration as f32;
-            run_kernel(Step { span, scheme, duration, position: [x, y, z], phase })
-        })
-        .sum()
+    let chunks =
+        x[range.clone()].chunks_mut(CHUNK).zip(y[range.clone()].chunks_mut(CHUNK)).zip(z[range].chunks_mut(CHUNK));
+    let moved = AtomicU64::new(0);
+    parallel::for_each(chunks, |i, ((x, y), z)| {
+        let phase = phase.map(|p| &p[i * CHUNK..i * CHUNK + x.len()]);
+        let duration = duration as f32;
+        let count = run_kernel(Step { span, scheme, duration, position: [x, y, z], phase });
+        moved.fetch_add(count, Ordering::Relaxed);
+    });
+    moved.into_inner()
 }
 
 struct Evaluate<'a, 'b> {
@@ -173,12 +172,11 @@ impl Kernel for Evaluate<'_, '_> {
 /// When the arrays differ in length.
 pub fn evaluate(span: &FieldSpan, position: &Coordinates, velocity: &mut Coordinates) {
     let [u, v, w] = velocity;
-    u.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK)).zip(w.par_chunks_mut(CHUNK)).enumerate().for_each(
-        |(i, ((u, v), w))| {
-            let position = [0, 1, 2].map(|axis| &position[axis][i * CHUNK..i * CHUNK + u.len()]);
-            run_kernel(Evaluate { span, position, velocity: [u, v, w] });
-        },
-    );
+    let chunks = u.chunks_mut(CHUNK).zip(v.chunks_mut(CHUNK)).zip(w.chunks_mut(CHUNK));
+    parallel::for_each(chunks, |i, ((u, v), w)| {
+        let position = [0, 1, 2].map(|axis| &position[axis][i * CHUNK..i * CHUNK + u.len()]);
+        run_kernel(Evaluate { span, position, velocity: [u, v, w] });
+    });
 }
 
 #[cfg(test)]

@@ -4,10 +4,11 @@ use crate::flow::field::FieldSpan;
 use crate::flow::reproject::Integrator;
 use crate::flow::tracks::Tracks;
 use crate::math::lanes::{Batch, Kernel, run_kernel};
+use crate::math::parallel;
 use crate::math::real::triple;
 use crate::particles::advect::{CHUNK, Coordinates, settle};
-use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Values that both functions had where particles were born, an array for each.
 pub type IsoValues = [Vec<f32>; 2];
@@ -86,19 +87,17 @@ pub fn follow(
 ) -> u64 {
     let [x, y, z] = position;
     let [first, second] = [0, 1].map(|i: usize| &iso_values[i][range.clone()]);
-    let chunks = x[range.clone()]
-        .par_chunks_mut(CHUNK)
-        .zip(y[range.clone()].par_chunks_mut(CHUNK))
-        .zip(z[range].par_chunks_mut(CHUNK));
-    chunks
-        .enumerate()
-        .map(|(i, ((x, y), z))| {
-            let own = i * CHUNK..i * CHUNK + x.len();
-            let iso_values = [&first[own.clone()], &second[own.clone()]];
-            let phase = phase.map(|p| &p[own]);
-            run_kernel(Task::Move { stride, position: [x, y, z], iso_values, phase })
-        })
-        .sum()
+    let chunks =
+        x[range.clone()].chunks_mut(CHUNK).zip(y[range.clone()].chunks_mut(CHUNK)).zip(z[range].chunks_mut(CHUNK));
+    let moved = AtomicU64::new(0);
+    parallel::for_each(chunks, |i, ((x, y), z)| {
+        let own = i * CHUNK..i * CHUNK + x.len();
+        let iso_values = [&first[own.clone()], &second[own.clone()]];
+        let phase = phase.map(|p| &p[own]);
+        let count = run_kernel(Task::Move { stride, position: [x, y, z], iso_values, phase });
+        moved.fetch_add(count, Ordering::Relaxed);
+    });
+    moved.into_inner()
 }
 
 /// Velocities [m/s].
@@ -107,12 +106,11 @@ pub fn follow(
 /// When the arrays differ in length.
 pub fn velocities(tracks: &Tracks, position: &Coordinates, velocity: &mut Coordinates) {
     let [u, v, w] = velocity;
-    u.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK)).zip(w.par_chunks_mut(CHUNK)).enumerate().for_each(
-        |(i, ((u, v), w))| {
-            let position = [0, 1, 2].map(|axis| &position[axis][i * CHUNK..i * CHUNK + u.len()]);
-            run_kernel(Task::Look { tracks, position, velocity: [u, v, w] });
-        },
-    );
+    let chunks = u.chunks_mut(CHUNK).zip(v.chunks_mut(CHUNK)).zip(w.chunks_mut(CHUNK));
+    parallel::for_each(chunks, |i, ((u, v), w)| {
+        let position = [0, 1, 2].map(|axis| &position[axis][i * CHUNK..i * CHUNK + u.len()]);
+        run_kernel(Task::Look { tracks, position, velocity: [u, v, w] });
+    });
 }
 
 #[cfg(test)]

@@ -5,12 +5,12 @@
 
 use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{BRICK_EDGE, BrickValues, DensityGrid, GridError, local_voxel};
+use crate::math::parallel;
 use crate::math::space::WorldPoint;
 use crate::particles::Particles;
 use crate::render::blackbody::Blackbody;
 use crate::scene::settings;
 use glam::Vec3;
-use rayon::prelude::*;
 
 /// Memory that a particle takes besides while its light is splatted [bytes].
 pub(super) const PARTICLE_BYTES: u64 = 16;
@@ -44,16 +44,11 @@ impl Heat {
         settings: &SplatSettings,
     ) -> Result<[DensityGrid; 3], GridError> {
         let Self { settings: heat, .. } = self;
-        let light: Vec<Vec3> = particles
-            .age
-            .par_iter()
-            .zip(&particles.mass)
-            .map(|(&age, &mass)| {
-                let cooled = (-f64::from(age) / heat.cooling_time).exp();
-                let kelvin = heat.ambient + (heat.temperature - heat.ambient) * cooled;
-                mass * self.at(kelvin as f32)
-            })
-            .collect();
+        let light = parallel::map(particles.age.len(), |i| {
+            let cooled = (-f64::from(particles.age[i]) / heat.cooling_time).exp();
+            let kelvin = heat.ambient + (heat.temperature - heat.ambient) * cooled;
+            particles.mass[i] * self.at(kelvin as f32)
+        });
         try_channels(|channel| {
             let mass: Vec<f32> = light.iter().map(|light| light[channel]).collect();
             Ok(splat(&SplatInput { mass: &mass, ..*input }, settings)?.grid)
@@ -71,17 +66,14 @@ impl Heat {
         let (coords, densities): (Vec<_>, Vec<BrickValues>) = density.occupied_bricks().unzip();
         let h = f64::from(density.voxel_size());
         try_channels(|channel| {
-            let values: Vec<BrickValues> = coords
-                .par_iter()
-                .zip(&densities)
-                .map(|(&brick, densities)| {
-                    std::array::from_fn(|i| {
-                        let voxel = (brick * BRICK_EDGE as i32 + local_voxel(i).as_ivec3()).as_dvec3();
-                        let middle = WorldPoint((density.origin() + (voxel + 0.5) * h).as_vec3());
-                        densities[i] * self.at(scale * temperature.density(middle) + offset)[channel]
-                    })
-                })
-                .collect();
+            let mut values = densities.clone();
+            parallel::for_each_mut(&mut values, |n, values| {
+                for (i, value) in values.iter_mut().enumerate() {
+                    let voxel = (coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3()).as_dvec3();
+                    let middle = WorldPoint((density.origin() + (voxel + 0.5) * h).as_vec3());
+                    *value *= self.at(scale * temperature.density(middle) + offset)[channel];
+                }
+            });
             DensityGrid::from_bricks(density.origin(), density.voxel_size(), &coords, &values, memory_limit)
         })
     }

@@ -6,9 +6,9 @@ use crate::flow::dfvn::{Function, values_and_field};
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
 use crate::flow::simplex::{Simplex, Slope};
 use crate::math::hash::{CounterRng, Seed};
+use crate::math::parallel;
 use crate::math::real::Lane;
 use crate::points::{PointSet, lattice};
-use rayon::prelude::*;
 
 /// How a lattice is moved along noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,7 +75,6 @@ impl CurlJitter {
             let square: f64 = p.iter().map(|x| (x - 0.5) * (x - 0.5)).sum();
             self.ball.is_none_or(|ball| square <= ball.radius * ball.radius)
         };
-        let points = start.coordinates.par_chunks(N).map(|p| std::array::from_fn(|i| p[i])).filter(is_in);
         let end = |p: [f64; N]| {
             let (values, slope) = values_and_field(&functions, p);
             let way = time.abs() * slope.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -84,8 +83,13 @@ impl CurlJitter {
             }
             trace.end_knowing(&functions, p, values, slope, time)
         };
-        let moved: Vec<[f64; N]> = points.map(end).collect();
-        PointSet { dimension: N, coordinates: moved.into_flattened() }
+        let coordinates = parallel::gather(start.len(), |n, coordinates| {
+            let point = std::array::from_fn(|i| start.point(n)[i]);
+            if is_in(&point) {
+                coordinates.extend(end(point));
+            }
+        });
+        PointSet { dimension: N, coordinates }
     }
 }
 
@@ -141,7 +145,7 @@ pub fn mean_neighbour_distance(n: u32) -> f64 {
 pub fn random_jitter(dimension: usize, per_axis: u32, share: f64, seed: Seed) -> PointSet {
     let mut set = lattice(dimension, per_axis);
     let spacing = 1.0 / f64::from(per_axis);
-    set.coordinates.par_iter_mut().enumerate().for_each(|(i, x)| {
+    parallel::for_each_mut(&mut set.coordinates, |i, x| {
         *x += (f64::from(seed.uniform(i as u64)) - 0.5) * share * spacing;
     });
     set

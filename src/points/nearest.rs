@@ -1,7 +1,7 @@
 //! How evenly points are spread: the distance from each to its closest, and how many there are at each distance.
 
+use crate::math::parallel;
 use crate::points::{DIMENSIONS, PointSet};
-use rayon::prelude::*;
 
 /// Points of a part of the tree that are looked at one by one.
 const LEAF: usize = 12;
@@ -21,14 +21,11 @@ pub fn nearest_distances(set: &PointSet) -> Vec<f64> {
     let mut order: Vec<u32> = (0..set.len() as u32).collect();
     sort(set, &mut order, 0);
     let tree = Tree { set, order };
-    (0..set.len())
-        .into_par_iter()
-        .map(|i| {
-            let mut best = f64::INFINITY;
-            tree.search(i as u32, &tree.order, 0, &mut best, [0.0; AXES]);
-            best.sqrt()
-        })
-        .collect()
+    parallel::map(set.len(), |i| {
+        let mut best = f64::INFINITY;
+        tree.search(i as u32, &tree.order, 0, &mut best, [0.0; AXES]);
+        best.sqrt()
+    })
 }
 
 fn sort(set: &PointSet, order: &mut [u32], axis: usize) {
@@ -40,7 +37,7 @@ fn sort(set: &PointSet, order: &mut [u32], axis: usize) {
     order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
     let next = (axis + 1) % set.dimension;
     let (low, high) = order.split_at_mut(middle);
-    rayon::join(|| sort(set, low, next), || sort(set, &mut high[1..], next));
+    parallel::join(&mut || sort(set, low, next), &mut || sort(set, &mut high[1..], next));
 }
 
 impl Tree<'_> {
@@ -97,7 +94,8 @@ pub fn radial_distribution(set: &PointSet, reach: f64, bins: usize) -> RadialDis
     let bin = reach / bins as f64;
     let step = n.div_ceil(CENTERS).max(1);
     let centers: Vec<usize> = (0..n).step_by(step).collect();
-    let count = |&i: &usize| {
+    let count = |center: usize| {
+        let i = centers[center];
         let mut counts = vec![0u32; bins];
         for j in (0..n).filter(|&j| j != i) {
             let wrapped = |(a, b): (&f64, &f64)| {
@@ -109,11 +107,10 @@ pub fn radial_distribution(set: &PointSet, reach: f64, bins: usize) -> RadialDis
                 counts[((square.sqrt() / bin) as usize).min(bins - 1)] += 1;
             }
         }
-        counts
+        Some(counts)
     };
-    let none = || vec![0u32; bins];
     let add = |a: Vec<u32>, b: Vec<u32>| a.iter().zip(&b).map(|(x, y)| x + y).collect();
-    let counts = centers.par_iter().map(count).reduce(none, add);
+    let counts = parallel::reduce(centers.len(), count, add).unwrap_or_else(|| vec![0; bins]);
     let ball = ball_volume(set.dimension as u32);
     let shell =
         |k: usize| ((k + 1) as f64 * bin).powi(set.dimension as i32) - (k as f64 * bin).powi(set.dimension as i32);

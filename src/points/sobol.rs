@@ -5,8 +5,8 @@
 //! hash of Vegdahl 2021, *Building a Better LK Hash*).
 
 use crate::math::hash::Seed;
+use crate::math::parallel;
 use crate::points::PointSet;
-use rayon::prelude::*;
 
 /// Degree, coefficients and first direction numbers of the primitive polynomials, for the second dimension and on.
 const POLYNOMIALS: [(u32, u32, [u32; 4]); 6] = [
@@ -22,7 +22,7 @@ const POLYNOMIALS: [(u32, u32, [u32; 4]); 6] = [
 pub fn sobol(dimension: usize, count: u64, seed: Seed) -> PointSet {
     let directions: Vec<[u32; 32]> = (0..dimension).map(directions).collect();
     let mut coordinates = vec![0.0; count as usize * dimension];
-    coordinates.par_chunks_mut(dimension).enumerate().for_each(|(i, point)| {
+    parallel::for_each_chunk_mut(&mut coordinates, dimension, |i, point| {
         for (axis, x) in point.iter_mut().enumerate() {
             let word = (0..32).filter(|bit| i >> bit & 1 == 1).fold(0, |word, bit| word ^ directions[axis][bit]);
             let scrambled = scramble(word, seed.word(axis as u64) as u32);

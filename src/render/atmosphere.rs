@@ -10,9 +10,9 @@
 //! Three wavelengths, 680, 550 and 440 nm, stand for red, green and blue. Sunlight outside of the air is white and has
 //! [`SOLAR_CONSTANT`] in each channel.
 
+use crate::math::parallel;
 use crate::render::color::Rgb;
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Irradiance of the sun outside of the air, of all wavelengths together [W/m²].
@@ -92,7 +92,7 @@ impl Atmosphere {
     /// Radiance of sky and ground from all around, as a picture by longitude and latitude: top row first, the middle −z
     /// [W/(m² sr)].
     pub fn picture(&self, width: usize, height: usize) -> Vec<Rgb> {
-        let rows = (0..height).into_par_iter().map(|row| {
+        let rows = parallel::map(height, |row| {
             let (sin_theta, y) = (PI * (row as f64 + 0.5) / height as f64).sin_cos();
             let pixel = |column: usize| {
                 let (s, c) = (2.0 * PI * ((column as f64 + 0.5) / width as f64 - 0.5)).sin_cos();
@@ -100,7 +100,7 @@ impl Atmosphere {
             };
             (0..width).map(pixel).collect::<Vec<_>>()
         });
-        rows.collect::<Vec<_>>().concat()
+        rows.concat()
     }
 
     /// Radiance from a direction of length 1 [W/(m² sr)], seen from just above the ground; without the sun's disk.
@@ -229,7 +229,7 @@ impl Table {
             let x = 2.0 * u - 1.0;
             value((TOP - GROUND) * v.powi(3), x * x.abs())
         };
-        Self((0..TABLE * TABLE).into_par_iter().map(entry).collect())
+        Self(parallel::map(TABLE * TABLE, entry))
     }
 
     fn at(&self, height: f64, cosine: f64) -> DVec3 {

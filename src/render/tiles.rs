@@ -1,6 +1,7 @@
 //! A picture is cut into tiles, which threads take one by one; equal inputs give equal bits whatever their number.
 
 use crate::math::hash::Seed;
+use crate::math::parallel;
 use crate::progress::Progress;
 use crate::render::RenderError;
 use crate::render::adaptive::{Adaptive, HALVES};
@@ -15,7 +16,6 @@ use crate::render::motion::FrameMotion;
 use crate::render::sampler::{Dimension, PixelSamples};
 use crate::render::world::World;
 use glam::Vec2;
-use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
@@ -110,8 +110,9 @@ pub fn render_media(
         .collect();
     let (finished, spp) = match view.time_limit {
         None => {
-            let paint = |tile: &PixelBounds| render_tile(tile, view, &traced, progress, |mut painter| painter.paint());
-            (tiles.par_iter().map(paint).collect::<Result<Vec<Tile>, _>>()?, view.spp)
+            let paint =
+                |_, tile: &PixelBounds| render_tile(tile, view, &traced, progress, |mut painter| painter.paint());
+            (parallel::try_map(&tiles, paint)?, view.spp)
         }
         Some(limit) => render_in_passes(&tiles, view, &traced, progress, limit)?,
     };
@@ -134,15 +135,15 @@ fn render_in_passes(
     // A first short pass tells how long a path takes; a pass as long as all before it keeps their number small.
     let mut next = FIRST_PASS.min(view.spp);
     while next > done {
-        let work = bounds.par_iter().zip(&mut sums).zip(&mut counts);
-        work.try_for_each(|((tile, sums), counts)| {
+        let work = bounds.iter().zip(&mut sums).zip(&mut counts);
+        parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<(), RenderError> {
             for (i, sum) in sums.iter_mut().enumerate() {
                 let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
                 let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
                 painter.add(sum, view.seed, done..next)?;
                 painter.look()?;
             }
-            Ok::<(), RenderError>(())
+            Ok(())
         })?;
         done = next;
         let a_path = start.elapsed().as_secs_f64() / f64::from(done);
@@ -150,12 +151,13 @@ fn render_in_passes(
         next = (done + done.min(left as u32)).min(view.spp);
     }
     progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
-    let tiles = bounds.par_iter().zip(&sums).zip(counts).map(|((tile, sums), counts)| {
+    let work = bounds.iter().zip(&sums).zip(counts);
+    let tiles = parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<Tile, RenderError> {
         let mut sums = sums.iter();
         let finished = render_tile(tile, view, traced, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
         Ok(Tile { counts, ..finished })
-    });
-    Ok((tiles.collect::<Result<_, RenderError>>()?, done))
+    })?;
+    Ok((tiles, done))
 }
 
 fn render_tile(

@@ -157,7 +157,7 @@ macro_rules! functions {
             fn resolve(library: &Library) -> Result<Self, libloading::Error> {
                 // SAFETY: the signatures are those of the headers of Embree 4, and the library is never closed, so the
                 // pointers stay valid.
-                unsafe { Ok(Self { $($field: *library.get($symbol)?,)* }) }
+                unsafe { Ok(Self { $($field: *library.get($symbol.as_slice())?,)* }) }
             }
         }
     };

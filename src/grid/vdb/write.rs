@@ -4,11 +4,11 @@ use crate::grid::DensityGrid;
 use crate::grid::vdb::tree::{LEAF, LOWER, MaskBuilder, NodeKind, UPPER, brick_place};
 use crate::grid::vdb::{COMPRESS_ACTIVE_MASK, COMPRESS_ZIP, FLOAT_TREE, HALF_SUFFIX, MAGIC, WRITTEN_VERSION};
 use crate::grid::{BRICK_EDGE, BrickValues};
+use crate::math::parallel;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use glam::{DVec3, IVec3};
 use half::f16;
-use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -199,14 +199,12 @@ impl Root {
 
     fn put_buffers(&self, out: &mut Vec<u8>, leaves: &[Leaf], settings: VdbWriteSettings) {
         let in_order: Vec<usize> = self.0.values().flat_map(|u| u.values()).flat_map(|l| l.values()).copied().collect();
-        let buffers: Vec<Vec<u8>> = in_order
-            .par_iter()
-            .map(|&idx| {
-                let mut buffer = leaves[idx].mask.0.clone();
-                put_values(&mut buffer, &leaves[idx].values, settings);
-                buffer
-            })
-            .collect();
+        let buffers = parallel::map(in_order.len(), |n| {
+            let leaf = &leaves[in_order[n]];
+            let mut buffer = leaf.mask.0.clone();
+            put_values(&mut buffer, &leaf.values, settings);
+            buffer
+        });
         buffers.iter().for_each(|b| out.extend(b));
     }
 }

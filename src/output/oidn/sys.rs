@@ -27,7 +27,7 @@ macro_rules! functions {
             fn resolve(library: &Library) -> Result<Self, libloading::Error> {
                 // SAFETY: the signatures are those of the headers of Open Image Denoise 2, and the library is never closed, so
                 // the pointers stay valid.
-                unsafe { Ok(Self { $($field: *library.get($symbol)?,)* }) }
+                unsafe { Ok(Self { $($field: *library.get($symbol.as_slice())?,)* }) }
             }
         }
     };
