@@ -117,6 +117,31 @@ fn a_walk_covers_the_whole_of_a_full_grid_without_gaps() {
 }
 
 #[test]
+fn walks_from_afar_meet_faces_where_they_are() {
+    // Errors of a face must not add up to those of the faces before it: a thousand voxels, seen from a kilometre away.
+    const VOXEL: f32 = 0.01;
+    let size = UVec3::new(1024, 8, 8);
+    let grid = DensityGrid::from_fn(WorldPoint::default(), VOXEL, size, LIMIT, |_| 1.0).expect("small");
+    let majorants = MajorantGrid::new(&grid);
+    for (from, direction, tolerance) in [(-1000.0, Vec3::X, 2e-4), (-20.0, Vec3::X, 5e-6), (1020.0, Vec3::NEG_X, 2e-4)]
+    {
+        let start = WorldPoint::new(from, 0.0437, 0.0391);
+        let direction = UnitVec3::try_new(direction).expect("unit");
+        // Faces lie between the middles of voxels.
+        let face = |t: f32| {
+            (f64::from(from) + f64::from(t) * f64::from(direction.x) - 0.5 * f64::from(VOXEL))
+                / (4.0 * f64::from(VOXEL))
+        };
+        let segments: Vec<_> = MajorantIterator::new(&majorants, start, direction, 0.0, f32::INFINITY).collect();
+        assert!(segments.len() >= 256, "{}", segments.len());
+        for segment in &segments[..segments.len() - 1] {
+            let off = (face(segment.t1) - face(segment.t1).round()).abs() * 4.0 * f64::from(VOXEL);
+            assert!(off < tolerance, "from {from}: a face is {off} m beside itself at {}", segment.t1);
+        }
+    }
+}
+
+#[test]
 fn walks_end_at_once_on_nonsense_and_on_empty_grids() {
     let full = DensityGrid::from_fn(WorldPoint::default(), 1.0, UVec3::splat(9), LIMIT, |_| 1.0).expect("small");
     let none = DensityGrid::from_fn(WorldPoint::default(), 1.0, UVec3::splat(9), LIMIT, |_| 0.0).expect("small");

@@ -111,6 +111,11 @@ fn smoke_in_a_whirl_goes_where_its_particles_go() {
     let still = tiles::render(&view, &stage.world, Some(&medium), &Silent).unwrap();
     assert!(motion(&still).iter().all(|v| *v == [0.0; 2]));
     assert_eq!(moving.pixels, still.pixels, "to ask for motion changes no light");
+    let mut resting = medium;
+    resting.is_carried = false;
+    let film =
+        tiles::render_media(&view, &stage.world, Some(&resting).into(), Some(&motion_of_frame), &Silent).unwrap();
+    assert!(motion(&film).iter().all(|v| *v == [0.0; 2]), "the flow carries smoke and no other volume");
     let (mut worst, mut longest) = (0.0f32, 0.0f32);
     for (i, [x, y]) in motion(&moving).into_iter().enumerate().filter(|(_, v)| *v != [0.0; 2]) {
         let [u, v] = [i % 32, i / 32].map(|at| at as f32 + 0.5 - 16.0);

@@ -183,6 +183,60 @@ fn a_ball_dims_light_by_the_law_of_its_chord() {
 }
 
 #[test]
+fn parts_of_a_mesh_that_overlap_hold_what_one_of_them_holds() {
+    // Two balls that overlap, and a third apart, within reach of one ray.
+    let one = std::fs::read_to_string(ball_of_triangles(1.0, 3)).unwrap();
+    let count = one.lines().filter(|line| line.starts_with('v')).count();
+    let mut text = String::new();
+    for (part, x) in [0.0, 1.2, 4.0].into_iter().enumerate() {
+        for line in one.lines() {
+            let numbers = || line[2..].split(' ').map(|n| n.parse::<f64>().unwrap());
+            if line.starts_with('v') {
+                let p: Vec<f64> = numbers().collect();
+                writeln!(text, "v {} {} {}", p[0] + x, p[1], p[2]).unwrap();
+            } else {
+                let f: Vec<f64> = numbers().map(|i| i + (part * count) as f64).collect();
+                writeln!(text, "f {} {} {}", f[0], f[1], f[2]).unwrap();
+            }
+        }
+    }
+    let path = folder().join("three_balls.obj");
+    std::fs::write(&path, text).unwrap();
+    let (_, volumes) = filled(&format!(
+        "{SKY}\nshapes: {{ball: {{mesh: {{file: {}}}, visible: false}}}}\nvolumes: {{mist: {{inside: ball}}}}",
+        path.display()
+    ));
+    // Along the x axis, a little beside the vertices.
+    for (from, expected) in [(-5.0, 5.2), (-0.5, 4.7), (0.8, 3.4), (1.5, 2.7), (2.5, 2.0), (4.5, 0.5), (6.0, 0.0)] {
+        let found = even(&volumes).length_inside(&ray([from, 0.003, 0.002], [1.0, 0.0, 0.0]), f32::INFINITY);
+        assert!((found - expected).abs() < 0.02, "from {from}: {found}, expected {expected}");
+        let back = even(&volumes).length_inside(&ray([10.0, 0.003, 0.002], [-1.0, 0.0, 0.0]), 10.0 - from);
+        assert!((back - found).abs() < 1e-4, "from {from}: {found}, the other way {back}");
+    }
+}
+
+#[test]
+fn a_ray_that_starts_on_the_surface_is_inside_at_once() {
+    for shape in SHAPES {
+        let (_, volumes) =
+            filled(&format!("{SKY}\nshapes: {{a: {{{shape}, visible: false}}}}\nvolumes: {{a: {{inside: a}}}}"));
+        let rays = [0.11, 0.62].map(|x| ray([x, 0.07, 5.0], [0.0, 0.0, -1.0]));
+        let first = |through: Ray| even(&volumes).pieces(&through, 10.0).next().map(|piece| (through, piece));
+        let Some((through, [start, end])) = rays.into_iter().find_map(first) else { panic!("{shape}: missed") };
+        for from in [start * 0.999_999, start, start * 1.000_001] {
+            let inner = Ray { origin: through.at(from), direction: through.direction };
+            let found = even(&volumes).pieces(&inner, 10.0).next().map_or(0.0, |[a, b]| b - a);
+            assert!((found - (end - start)).abs() < 1e-4, "{shape}: {found} of {}", end - start);
+        }
+    }
+    let (_, box_volume) = filled(&format!(
+        "{SKY}\nshapes: {{a: {{box: {{center: [0, 0, 0], size: [2, 2, 2]}}, visible: false}}}}\nvolumes: {{a: {{inside: a}}}}"
+    ));
+    let found = even(&box_volume).length_inside(&ray([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]), 10.0);
+    assert!((found - 2.0).abs() < 1e-5, "{found}");
+}
+
+#[test]
 fn two_halves_are_a_whole() {
     // Copies that overlap, each of half the extinction: light from all around and from a lamp amid the smoke.
     for (tint, lamp) in [

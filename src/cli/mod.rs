@@ -1,7 +1,7 @@
 //! The command line: one file for each verb, and what they share. Standard output is for results, standard error for
 //! everything else.
 
-mod args;
+pub mod args;
 mod bake;
 mod check;
 mod compare;
@@ -10,7 +10,7 @@ mod flow;
 mod frames;
 mod places;
 mod points;
-mod progress;
+pub mod progress;
 mod render;
 mod signals;
 mod streamlines;

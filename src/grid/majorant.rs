@@ -153,17 +153,18 @@ fn sweep(cells: &mut [f32], dims: UVec3, is_forward: bool) {
 /// The segments of a ray on which there may be density, in increasing `t`. Between segments, before the first and after
 /// the last there is none.
 ///
-/// Along axes that the ray is parallel to, no face is ever reached: `next` is far beyond any scene.
+/// Along axes that the ray is parallel to, no face is ever reached: exits are far beyond any scene.
 #[derive(Debug, Clone)]
 pub struct MajorantIterator<'a> {
     cells: &'a [f32],
     t: f32,
     t_max: f32,
-    /// Ray parameters at which the ray leaves the current cell along each axis.
-    next: Vec3A,
-    /// Ray parameter from face to face along each axis, and faces in a metre.
-    between: Vec3A,
-    speed: Vec3A,
+    origin: Vec3A,
+    inverse: Vec3A,
+    /// The planes through which the ray leaves the current cell, as positions along the axes: whole numbers, so that nothing adds
+    /// up along the walk. Steps from plane to plane, ±1.
+    far_face: Vec3A,
+    step: Vec3A,
     /// Place of the current cell in `cells`, and its change for a step along each set of axes.
     offset: isize,
     offset_steps: [isize; 8],
@@ -183,17 +184,17 @@ impl<'a> MajorantIterator<'a> {
         let inverse = direction.recip();
         let (a, b) = (-origin * inverse, (size - origin) * inverse);
         let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+        let is_range = t_min < t_max;
         let t = if t_min > enter { t_min } else { enter };
         let mut t_max = if t_max < leave { t_max } else { leave };
         // False where anything was not a number.
-        if !(t < t_max && origin.is_finite() && direction.is_finite()) {
+        if !(is_range && t < t_max && origin.is_finite() && direction.is_finite()) {
             t_max = f32::NEG_INFINITY;
         }
         // Not negative, so truncation is the floor.
         let cell = (origin + direction * t).max(Vec3A::ZERO).min(size - 1.0).as_ivec3();
         let is_forward = direction.cmpgt(Vec3A::ZERO);
         let far_face = cell.as_vec3a() + Vec3A::select(is_forward, Vec3A::ONE, Vec3A::ZERO);
-        let next = (far_face - origin) * inverse;
         let (nx, nxy) = (dims.x as isize, dims.x as isize * dims.y as isize);
         let forward = is_forward.bitmask();
         let sign = |axis: u32| (forward >> axis & 1) as isize * 2 - 1;
@@ -203,36 +204,45 @@ impl<'a> MajorantIterator<'a> {
             cells: grid.cells.values(),
             t,
             t_max,
-            next,
-            between: inverse.abs(),
-            speed: direction.abs(),
+            origin,
+            inverse,
+            far_face,
+            step: Vec3A::select(is_forward, Vec3A::ONE, Vec3A::NEG_ONE),
             offset,
             offset_steps: [0, x, y, x + y, z, x + z, y + z, x + y + z],
         }
     }
 
+    /// Ray parameters at which the ray leaves the current cell along each axis.
+    #[inline(always)]
+    fn exits(&self) -> Vec3A {
+        (self.far_face - self.origin) * self.inverse
+    }
+
     /// Moves over the face at which the ray leaves the cell, or over several where it leaves through an edge.
-    #[inline]
+    #[inline(always)]
     fn step(&mut self) {
-        let t = self.next.min_element();
-        let crossed = self.next.cmple(Vec3A::splat(t));
+        let exits = self.exits();
+        let t = exits.min_element();
+        let crossed = exits.cmple(Vec3A::splat(t));
         self.t = if t > self.t { t } else { self.t };
-        self.next += Vec3A::select(crossed, self.between, Vec3A::ZERO);
+        self.far_face += Vec3A::select(crossed, self.step, Vec3A::ZERO);
         self.offset += self.offset_steps[crossed.bitmask() as usize & 7];
     }
 
     /// Moves to where the ray leaves the cube of empty cells nearer than `distance`.
     #[inline]
     fn jump(&mut self, distance: f32) {
-        let exits = self.next + self.between * (distance - 1.0);
-        let t = exits.min_element();
+        let exits = self.exits();
+        let between = self.inverse.abs();
+        let t = (exits + between * (distance - 1.0)).min_element();
         self.t = if t > self.t { t } else { self.t };
         // Faces crossed on the way. Rounding may count one too few, which the next step makes good, or one too many, which
         // lies as near as rounding is.
-        let within = ((Vec3A::splat(t) - self.next) * self.speed).floor() + 1.0;
-        let is_passed = self.next.cmple(Vec3A::splat(t));
-        let faces = Vec3A::select(is_passed, within.min(Vec3A::splat(distance)), Vec3A::ZERO);
-        self.next += Vec3A::select(is_passed, self.between * faces, Vec3A::ZERO);
+        let is_passed = exits.cmple(Vec3A::splat(t));
+        let faces = ((Vec3A::splat(t) - exits) / between).floor() + 1.0;
+        let faces = Vec3A::select(is_passed, faces.min(Vec3A::splat(distance)), Vec3A::ZERO);
+        self.far_face += self.step * faces;
         let faces = faces.as_ivec3();
         let steps = &self.offset_steps;
         self.offset += faces.x as isize * steps[1] + faces.y as isize * steps[2] + faces.z as isize * steps[4];

@@ -1,8 +1,8 @@
 //! The same work for many things at once, on all threads of the current pool.
 //!
-//! All of the crate goes through here, and here everything goes through [`for_each_index`]: the machinery that shares work out
-//! is some thousand lines to compile for each type it is used with, so it knows indices and calls of one kind alone. What is
-//! called so is a whole piece of the work; inside a piece is a plain loop.
+//! All of the crate goes through here, and here everything goes through [`for_each_index`]: the machinery that shares
+//! work out is some thousand lines to compile for each type it is used with, so it knows indices and calls of one kind
+//! alone. What is called so is a whole piece of the work; inside a piece is a plain loop.
 //!
 //! Results stand in the order of indices, and no result depends on the number of threads.
 
@@ -34,8 +34,8 @@ pub fn sort(values: &mut [u64]) {
     values.par_sort_unstable();
 }
 
-/// Calls `work` with the number of each item and the item, each on its own as in [`for_each_index`]. Items may be parts of
-/// arrays to write to.
+/// Calls `work` with the number of each item and the item, each on its own as in [`for_each_index`]. Items may be parts
+/// of arrays to write to.
 pub fn for_each<I: Send>(items: impl IntoIterator<Item = I>, work: impl Fn(usize, I) + Sync) {
     let items: Vec<Mutex<Option<I>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
     for_each_index(items.len(), &|i| {
@@ -44,8 +44,8 @@ pub fn for_each<I: Send>(items: impl IntoIterator<Item = I>, work: impl Fn(usize
     });
 }
 
-/// What `work` makes of each item, or the error of the first item that has one; later items are left out then. Each is done
-/// on its own, as in [`for_each`].
+/// What `work` makes of each item, or the error of the first item that has one; later items are left out then. Each is
+/// done on its own, as in [`for_each`].
 ///
 /// # Errors
 /// Those of `work`.
@@ -94,8 +94,8 @@ pub fn find_first<T: Send>(count: usize, look: impl Fn(usize) -> Option<T> + Syn
     found.into_iter().next()
 }
 
-/// The values at indices below `count`, of those that have any, made one by `join`. Which are joined first depends on the
-/// number of threads: whole numbers and largest values come out equal, sums of real numbers do not.
+/// The values at indices below `count`, of those that have any, made one by `join`. Which are joined first depends on
+/// the number of threads: whole numbers and largest values come out equal, sums of real numbers do not.
 pub fn reduce<T: Send>(
     count: usize,
     value: impl Fn(usize) -> Option<T> + Sync,
@@ -110,8 +110,8 @@ pub fn sum(count: usize, value: impl Fn(usize) -> u64 + Sync) -> u64 {
     gather_pieces(count, &|piece, sums| sums.push(piece.map(&value).sum::<u64>())).into_iter().sum()
 }
 
-/// Calls `work` with the index of each value and the value. Large arrays are better made so than by [`map`], which holds them
-/// twice for a moment.
+/// Calls `work` with the index of each value and the value. Large arrays are better made so than by [`map`], which
+/// holds them twice for a moment.
 pub fn for_each_mut<T: Send>(values: &mut [T], work: impl Fn(usize, &mut T) + Sync) {
     for_each_piece_mut(values, 1, &|start, piece| piece.iter_mut().enumerate().for_each(|(i, v)| work(start + i, v)));
 }

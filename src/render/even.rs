@@ -1,8 +1,8 @@
 //! Even matter inside a closed surface: mist in a ball of glass, haze in a room.
 //!
 //! A ray is inside from where it crosses the surface inwards to where it crosses it outwards. Which way it crosses is told by
-//! the side of the surface, so that nothing is counted: where surfaces of a mesh overlap, all is inside that is inside of one
-//! of them. On the pieces inside optical depth is length times extinction, so that flights and transmittances are exact.
+//! the side of the surface. Parts of a mesh may overlap: inside is what is inside of one of them, so ways in and out are counted
+//! there, first those ahead of the ray, as behind the last of them all is outside. On the pieces inside optical depth is length times extinction, so that flights and transmittances are exact.
 
 use crate::geometry::embree::{Ray, TraceScene};
 use crate::render::chroma::Chroma;
@@ -38,15 +38,17 @@ impl EvenMedium {
         let origin = ray.origin.0;
         let may_be_inside = origin.cmpge(bounds.min).all() && origin.cmple(bounds.max).all();
         let is_met = bounds.ray_interval(origin, ray.direction.as_vec3(), 0.0, t_max).is_some();
-        Pieces {
-            container: &self.container,
-            ray: *ray,
-            searched: 0.0,
-            passed: 0.0,
-            before: if may_be_inside { Before::Unknown } else { Before::Outside },
-            left: if is_met { CROSSINGS_MAX } else { 0 },
-            t_max,
-        }
+        // From some roundings on: a ray that starts on the surface does not meet it there, but where it leaves.
+        let searched = CLEARANCE * origin.abs().max_element();
+        let crossings =
+            Crossings { container: &self.container, ray: *ray, searched, left: if is_met { CROSSINGS_MAX } else { 0 } };
+        let has_parts = self.container.has_meshes();
+        let depth = match (may_be_inside, has_parts) {
+            (false, _) => 0,
+            (true, true) => crossings.clone().map(|(_, goes_out)| if goes_out { 1 } else { -1 }).sum::<i32>().max(0),
+            (true, false) => i32::from(crossings.clone().next().is_some_and(|(_, goes_out)| goes_out)),
+        };
+        Pieces { crossings, has_parts, passed: 0.0, depth, t_max }
     }
 
     /// How much of the ray before `t_max` is inside [m].
@@ -108,28 +110,38 @@ impl EvenMedium {
     }
 }
 
-/// Where a ray was before a crossing.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Before {
-    /// Inside of the surface crossed last.
-    Inside,
-    /// Not inside of that.
-    Outside,
-    /// It began there.
-    Unknown,
-}
-
-/// The pieces of a ray inside a closed surface, in order.
-pub struct Pieces<'a> {
+/// Where a ray crosses a surface, in order: distances [m], and whether outwards.
+#[derive(Clone)]
+struct Crossings<'a> {
     container: &'a TraceScene,
     ray: Ray,
     /// Distance from which on the next crossing is looked for [m].
     searched: f32,
-    /// Distance of that crossing [m].
-    passed: f32,
-    before: Before,
     /// Crossings that are still looked for.
     left: u32,
+}
+
+impl Iterator for Crossings<'_> {
+    type Item = (f32, bool);
+
+    fn next(&mut self) -> Option<(f32, bool)> {
+        self.left = self.left.checked_sub(1)?;
+        let hit = self.container.intersect(&self.ray, self.searched, f32::INFINITY)?;
+        // On along the same line: a new start beside the surface would be another, and a grazing chord much longer or shorter.
+        self.searched = hit.t * (1.0 + CLEARANCE) + f32::MIN_POSITIVE;
+        Some((hit.t, hit.normal.dot(*self.ray.direction) > 0.0))
+    }
+}
+
+/// The pieces of a ray inside a closed surface, in order.
+pub struct Pieces<'a> {
+    crossings: Crossings<'a>,
+    /// Whether the surface may have parts that overlap.
+    has_parts: bool,
+    /// Distance of the last crossing [m].
+    passed: f32,
+    /// Parts that the ray is inside of behind it.
+    depth: i32,
     t_max: f32,
 }
 
@@ -137,23 +149,15 @@ impl Iterator for Pieces<'_> {
     type Item = [f32; 2];
 
     fn next(&mut self) -> Option<[f32; 2]> {
-        while self.left > 0 && self.passed < self.t_max {
-            self.left -= 1;
-            // Not only up to `t_max`: what crosses there or beyond says whether the last piece is inside. After the last
-            // crossing all is outside.
-            let hit = self.container.intersect(&self.ray, self.searched, f32::INFINITY)?;
-            let goes_out = hit.normal.dot(*self.ray.direction) > 0.0;
-            let start = self.passed;
-            // A way out that had no way in: only a ray from outside that rounding let in at an edge. After other ways out, of
-            // overlapping surfaces, there is one more to leave.
-            let is_inside =
-                self.before == Before::Inside || goes_out && (self.before == Before::Unknown || start > 0.0);
-            self.passed = hit.t;
-            // On along the same line: a new start beside the surface would be another, and a grazing chord much longer or shorter.
-            // To cross the same place twice adds a piece of the length of some roundings.
-            self.searched = hit.t * (1.0 + CLEARANCE) + f32::MIN_POSITIVE;
-            self.before = if goes_out { Before::Outside } else { Before::Inside };
-            let end = self.passed.min(self.t_max);
+        while self.passed < self.t_max {
+            // Also one beyond `t_max`: without any the rest is outside, whatever rounding has made of the count.
+            let (t, goes_out) = self.crossings.next()?;
+            let (start, is_inside) = (self.passed, self.depth > 0);
+            let change = if goes_out { -1 } else { 1 };
+            // A way out that had no way in is one that rounding found at an edge.
+            self.depth = if self.has_parts { (self.depth + change).max(0) } else { i32::from(!goes_out) };
+            self.passed = t;
+            let end = t.min(self.t_max);
             if is_inside && start < end {
                 return Some([start, end]);
             }

@@ -64,6 +64,8 @@ pub struct Contribution {
     pub first: FirstEvent,
     /// The shape of the surface that it met first, if it met one before smoke.
     pub shape_idx: Option<u32>,
+    /// Whether that is smoke which the flow carries.
+    pub is_carried: bool,
     /// Where it met that which `first` says, the origin where it met nothing.
     pub place: WorldPoint,
     /// What it brings to the layer of motion, see [`FrameMotion::of_path`](crate::render::motion::FrameMotion::of_path).
@@ -101,6 +103,7 @@ impl Contribution {
             alpha: 0.0,
             first: FirstEvent::None,
             shape_idx: None,
+            is_carried: false,
             place: WorldPoint::default(),
             motion: Vec3::ZERO,
             normal: Vec3::ZERO,
@@ -122,8 +125,9 @@ impl Contribution {
             return;
         }
         (self.radiance, self.alpha, self.first, self.shape_idx) = (Rgb::ZERO, 0.0, FirstEvent::None, None);
+        self.is_carried = false;
         (self.place, self.motion, self.normal) = (WorldPoint::default(), Vec3::ZERO, Vec3::ZERO);
-        (self.albedo, self.bounces, self.shadow) = (Rgb::ZERO, 0, None);
+        (self.albedo, self.bounces, self.null_collisions, self.shadow) = (Rgb::ZERO, 0, 0, None);
     }
 
     /// Adds light of a group of sources that came to the camera by `passage`.

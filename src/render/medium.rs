@@ -17,6 +17,8 @@ pub struct Matter {
     pub albedo: Rgb,
     /// Directions of scattering.
     pub phase: Phase,
+    /// Whether the flow carries it along.
+    pub is_carried: bool,
 }
 
 /// Smoke: a density grid with coefficients.
@@ -39,6 +41,8 @@ pub struct Medium {
     pub albedo: Rgb,
     /// Directions of scattering.
     pub phase: Phase,
+    /// Whether the flow carries it along, as it does smoke and no other volume.
+    pub is_carried: bool,
     /// What multiplies the density between voxels, if anything does.
     pub detail: Option<Box<Detail>>,
 }
@@ -57,6 +61,7 @@ impl Medium {
             glow_majorants: None,
             albedo,
             phase,
+            is_carried: true,
             detail: None,
         }
     }
@@ -107,7 +112,7 @@ impl Medium {
     /// What scatters.
     #[inline]
     pub fn matter(&self) -> Matter {
-        Matter { albedo: self.albedo, phase: self.phase }
+        Matter { albedo: self.albedo, phase: self.phase, is_carried: self.is_carried }
     }
 
     /// Upper bound of the extinction coefficient where the density is at most `density_max` [1/m].

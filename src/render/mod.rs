@@ -247,7 +247,7 @@ pub fn even_medium(volume: &settings::Volume, container: Arc<TraceScene>) -> Res
         sigma_t: (medium.extinction * most * density) as f32,
         tint: tint(medium),
         emission: vec3(medium.emission) * density as f32,
-        matter: Matter { albedo: vec3(medium.albedo), phase: phase(&medium.phase) },
+        matter: Matter { albedo: vec3(medium.albedo), phase: phase(&medium.phase), is_carried: false },
     })
 }
 

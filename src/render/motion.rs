@@ -42,7 +42,10 @@ impl<'a> FrameMotion<'a> {
                 let (rest, _) = span.to_rest(path.place.0.as_dvec3().to_array(), 0.0);
                 span.from_rest(DVec3::from_array(rest), 1.0)
             }),
-            (FirstEvent::Smoke, _) => self.flow.as_ref().map(|flow| carried(flow, path.place, self.seconds)),
+            (FirstEvent::Smoke, _) => {
+                let flow = self.flow.as_ref().filter(|_| path.is_carried);
+                flow.map(|flow| carried(flow, path.place, self.seconds))
+            }
         };
         let Some(next) = next else { return Vec3::Z };
         let from = camera.place(path.place.0.as_dvec3());

@@ -55,10 +55,14 @@ impl<'a> Column<'a> {
     /// Optical depth between two distances that are neighbours among the places of all.
     fn depth(&self, a: f64, b: f64) -> f64 {
         match self {
-            Self::Grid { medium, line, .. } => match dense::cross(medium, line, [a, b], f64::INFINITY) {
-                Crossing::Through(tau) => tau,
-                Crossing::Collision(_) => 0.0,
-            },
+            Self::Grid { medium, line, places } => {
+                // Places come in pairs: behind an odd number of them there is a voxel.
+                let is_inside = places.partition_point(|&place| place <= 0.5 * (a + b)) % 2 == 1;
+                match is_inside.then(|| dense::cross(medium, line, [a, b], f64::INFINITY)) {
+                    Some(Crossing::Through(tau)) => tau,
+                    _ => 0.0,
+                }
+            }
             Self::Even { sigma_t, pieces } => {
                 let middle = 0.5 * (a + b);
                 let is_inside = pieces.iter().any(|piece| piece[0] <= middle && middle <= piece[1]);

@@ -247,7 +247,9 @@ impl<'a> PixelPainter<'a> {
 
     fn add(&mut self, sum: &mut PixelSum, seed: Seed, samples: Range<u32>) -> Result<(), RenderError> {
         let (x, y, view) = (self.x, self.y, self.view);
-        let pixel = PixelSamples::new(seed, view.spp, x, y);
+        // Each half of an adaptive pixel has a sequence of its own.
+        let most = if view.adaptive.is_some() { view.spp.div_ceil(2) } else { view.spp };
+        let pixel = PixelSamples::new(seed, most, x, y);
         for sample in samples {
             if self.unsaid >= SAMPLES_A_LOOK || self.counts.bounces - self.looked_at_bounce >= BOUNCES_A_LOOK {
                 self.look()?;

@@ -118,6 +118,7 @@ impl Vertex<'_> {
         match self {
             Vertex::Smoke { matter, .. } => {
                 out.first = FirstEvent::Smoke;
+                out.is_carried = matter.is_carried;
                 out.albedo = matter.albedo;
             }
             Vertex::Surface { hit, normal, bsdf, .. } => {

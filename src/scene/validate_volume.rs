@@ -54,6 +54,16 @@ impl Check<'_, '_, '_> {
                 let message = format!("the shape `{name}` is a plane, behind which there is no end");
                 self.error_help(key, key, message, "take a `box`");
             }
+            Some(shape) if shape.visible && !shape.material.is_clear() => {
+                let message =
+                    format!("the surface of `{name}` is opaque: from outside nothing is seen of what is in it");
+                self.warning(
+                    key,
+                    key,
+                    message,
+                    format!("say `shapes.{name}.visible: false`, or take `material: {{dielectric: {{}}}}`"),
+                );
+            }
             _ => {}
         }
     }

@@ -321,6 +321,12 @@ pub struct TraceScene {
 }
 
 impl TraceScene {
+    /// Whether there are triangles, which may have parts that overlap.
+    pub fn has_meshes(&self) -> bool {
+        let is_mesh = |part: &(u32, Part)| matches!(part.1, Part::Triangles(_));
+        self.scene.as_ref().is_some_and(|scene| scene.parts.iter().any(is_mesh))
+    }
+
     /// A world-space box that holds all surfaces; empty where there are none.
     pub fn bounds(&self) -> Aabb {
         self.bounds

@@ -28,10 +28,14 @@ pub struct GridInfo {
     pub type_name: String,
 }
 
+fn is_float_tree(type_name: &str) -> bool {
+    type_name.strip_suffix(HALF_SUFFIX).unwrap_or(type_name) == FLOAT_TREE
+}
+
 impl GridInfo {
     /// True for the grids that [`read_float_grid`] reads.
     pub fn is_float(&self) -> bool {
-        self.type_name.strip_suffix(HALF_SUFFIX).unwrap_or(&self.type_name) == FLOAT_TREE
+        is_float_tree(&self.type_name)
     }
 
     /// True for grids of colours, of which [`read_color_grid`] reads each channel.
@@ -113,7 +117,10 @@ pub fn parse_float_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Re
 /// [`VdbProblem`] as for [`read_color_grid`].
 pub fn parse_color_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Result<[DensityGrid; 3], VdbProblem> {
     let limit = memory_limit_bytes / 3;
-    if parse_grid_list(bytes)?.iter().any(|grid| grid.name == name && grid.is_float()) {
+    let mut cursor = Cursor::new(bytes);
+    let header = Header::read(&mut cursor)?;
+    let found = header.grids.iter().find(|grid| grid.name() == name || grid.unique_name == name);
+    if found.is_some_and(|grid| is_float_tree(&grid.type_name)) {
         let grid = parse_float_grid(bytes, name, limit)?;
         return Ok([grid.clone(), grid.clone(), grid]);
     }

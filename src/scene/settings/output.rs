@@ -71,7 +71,7 @@ pub enum Aov {
     Albedo,
     /// How far what is seen first moves on the picture from this frame to the next [pixels], x to the right and y down: shapes by
     /// their `motion`, smoke by the flow at the place where light scatters, the mean over paths that met either. 0 where there is
-    /// nothing but background and lights, and of smoke from files, which do not say what carries it. What counts rows upwards wants y
+    /// nothing but background and lights, and of smoke from files and of `volumes`, of which nobody says what carries them. What counts rows upwards wants y
     /// with the other sign. Channels motion.X, motion.Y.
     Motion,
     /// Variance of the mean of the picture, as if samples were independent: an upper bound, since they are stratified.
