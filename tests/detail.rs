@@ -61,7 +61,7 @@ fn light_through_detail_is_as_quadrature_says() {
             tau += sigma_t * dt;
         }
         let mut stream = Stream::new(Seed(5));
-        let n = 60_000;
+        let n = 20_000;
         let media = Media::from(Some(&medium));
         let values: Vec<f64> = (0..n).map(|_| f64::from(media.transmittance(&beam, 10.0, &mut stream).x)).collect();
         let mean = values.iter().sum::<f64>() / f64::from(n);
@@ -69,10 +69,10 @@ fn light_through_detail_is_as_quadrature_says() {
         println!("extinction {extinction}: {mean} ± {error}, expected {}", (-tau).exp());
         assert!((mean - (-tau).exp()).abs() < 4.0 * error + 1e-5, "{mean} ± {error}, expected {}", (-tau).exp());
         // Red absorbs and glows: what comes through of the sky, and what is given off on the way.
-        let red = estimate_colors(&stage, media, 60_000, 1, |_| beam)[0];
+        let red = estimate_colors(&stage, media, 20_000, 1, |_| beam)[0];
         assert!(red.z((-tau).exp() + glow) < 4.0, "{red:?}, expected {}", (-tau).exp() + glow);
         // White smoke vanishes in white light.
-        let blue = estimate_colors(&stage, media, 40_000, 2, |_| beam)[2];
+        let blue = estimate_colors(&stage, media, 15_000, 2, |_| beam)[2];
         assert!(blue.z(1.0) < 4.0, "{blue:?}");
         let view = media.view_through(&beam, 10.0).unwrap();
         assert!((view.transmittance / (-tau).exp()).ln().abs() < 0.02 * (1.0 + tau), "{view:?}");
@@ -118,11 +118,11 @@ fn light_from_a_file_shines_where_there_is_no_smoke_too() {
     // Half of a metre, a part of it in the ramp of the last half voxel and as much beyond it.
     let column = 0.5;
     assert!((collected - Vec3::new(0.5, 3.0, 0.0) * column).abs().max_element() < 1e-5, "{collected}");
-    let all = estimate_colors(&stage, Some(&medium).into(), 60_000, 1, |_| beam);
+    let all = estimate_colors(&stage, Some(&medium).into(), 20_000, 1, |_| beam);
     let dark = {
         medium.glow = None;
         medium.glow_majorants = None;
-        estimate_colors(&stage, Some(&medium).into(), 60_000, 1, |_| beam)
+        estimate_colors(&stage, Some(&medium).into(), 20_000, 1, |_| beam)
     };
     // Red is absorbed but not scattered: all of it on the way, and the smoke behind.
     let error = all[0].standard_error.hypot(dark[0].standard_error);

@@ -17,7 +17,6 @@ use curlsmoke::render::filter::Filter;
 use curlsmoke::render::light::Light;
 use curlsmoke::render::panel::{Outline, Panel};
 use curlsmoke::render::phase::{Lobe, Phase};
-use curlsmoke::render::sun::Sun;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -105,18 +104,11 @@ fn lights(report: &mut Report) {
     );
     let inside = WorldPoint((center + DVec3::new(0.3, -0.2, 0.1)).as_vec3());
     sphere(report, "ball from inside", |u| towards(&near, inside, u), |_| 0.25 / PI);
-    let sun = Light::Sun(Sun::new(unit(DVec3::new(0.4, -0.8, 0.3)), Vec3::ONE, 60.0, false));
-    let to_sun = -unit(DVec3::new(0.4, -0.8, 0.3)).as_vec3().as_dvec3();
-    let cosine = 30f64.to_radians().cos();
-    let even_cone = |d: DVec3| if d.dot(to_sun) > cosine { 1.0 / (TAU * (1.0 - cosine)) } else { 0.0 };
-    sphere(report, "sun, 60° wide", |u| towards(&sun, from, u), even_cone);
     let (u, v) = (DVec3::new(0.8, 0.1, 0.0), DVec3::new(0.2, 0.0, 0.9));
     let middle = DVec3::new(0.4, 0.9, 0.0);
-    let panel = |outline| {
-        let panel = Panel::try_new(outline, WorldPoint(middle.as_vec3()), u.as_vec3(), v.as_vec3(), Vec3::ONE);
-        Light::Panel(panel.expect("it has an area"))
-    };
-    let (rectangle, disk) = (panel(Outline::Rectangle), panel(Outline::Disk));
+    let rectangle =
+        Panel::try_new(Outline::Rectangle, WorldPoint(middle.as_vec3()), u.as_vec3(), v.as_vec3(), Vec3::ONE);
+    let rectangle = Light::Panel(rectangle.expect("it has an area"));
     // Even over its area: distance squared over cosine and area, per solid angle.
     let across = u.cross(v);
     let origin = from.0.as_dvec3();
@@ -134,15 +126,6 @@ fn lights(report: &mut Report) {
         |d| {
             let ([a, b], density) = met(d, 4.0 * across.length());
             if a.abs().max(b.abs()) <= 1.0 { density } else { 0.0 }
-        },
-    );
-    sphere(
-        report,
-        "disk, stretched",
-        |u| towards(&disk, from, u),
-        |d| {
-            let ([a, b], density) = met(d, PI * across.length());
-            if a.hypot(b) <= 1.0 { density } else { 0.0 }
         },
     );
 }
