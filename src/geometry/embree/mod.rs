@@ -10,8 +10,8 @@ mod sys;
 
 pub use sys::LoadError;
 
+use crate::geometry::closed::Closed;
 use crate::geometry::mesh::Mesh;
-use crate::geometry::square::Square;
 use crate::geometry::trace::Solid;
 use crate::geometry::triangle::closest_point;
 use crate::math::aabb::Aabb;
@@ -100,6 +100,9 @@ impl Hit {
 /// Rounding errors, relative to the largest coordinate involved, by which new rays are moved off a surface. Fewer let
 /// rays meet the surface they leave; more let light through walls thinner than this, 4 µm at one metre.
 const OFFSET_ROUNDINGS: f32 = 32.0;
+
+/// Most solids that are asked one after the other before the tree is.
+const OUTSIDE_THE_TREE: usize = 4;
 
 /// The library, ready.
 struct Device {
@@ -194,7 +197,7 @@ impl Drop for Scene {
 pub struct SceneBuilder {
     /// Nothing to hit needs no library.
     scene: Option<Scene>,
-    squares: Vec<(u32, Square)>,
+    closed: Vec<(u32, Closed)>,
     bounds: Aabb,
 }
 
@@ -207,7 +210,7 @@ impl Default for SceneBuilder {
 impl SceneBuilder {
     /// An empty scene.
     pub fn new() -> Self {
-        Self { scene: None, squares: Vec::new(), bounds: Aabb::EMPTY }
+        Self { scene: None, closed: Vec::new(), bounds: Aabb::EMPTY }
     }
 
     /// Adds triangles that hits report as shape `shape_idx`.
@@ -251,8 +254,8 @@ impl SceneBuilder {
     /// Where the library is missing or out of memory.
     pub fn add_solid(&mut self, solid: Arc<Solid>, shape_idx: u32) -> Result<(), EmbreeError> {
         self.bounds = self.bounds.union(&solid.bounds());
-        if let Some(&square) = solid.square() {
-            self.squares.push((shape_idx, square));
+        if let (Some(&closed), true) = (solid.closed(), self.closed.len() < OUTSIDE_THE_TREE) {
+            self.closed.push((shape_idx, closed));
             return Ok(());
         }
         let scene = self.scene()?;
@@ -280,7 +283,7 @@ impl SceneBuilder {
             unsafe { (scene.functions.commit_scene)(scene.handle) };
             scene.device.check("building the tree")?;
         }
-        Ok(TraceScene { scene: self.scene, squares: self.squares, bounds: self.bounds })
+        Ok(TraceScene { scene: self.scene, closed: self.closed, bounds: self.bounds })
     }
 
     fn scene(&mut self) -> Result<&mut Scene, EmbreeError> {
@@ -316,7 +319,7 @@ impl Scene {
 /// A scene that rays can be sent through. Finds the same hits whatever thread asks.
 pub struct TraceScene {
     scene: Option<Scene>,
-    squares: Vec<(u32, Square)>,
+    closed: Vec<(u32, Closed)>,
     bounds: Aabb,
 }
 
@@ -337,15 +340,15 @@ impl TraceScene {
     /// A ray that leaves a surface starts at [`Hit::offset_origin`], with `t_min` 0.
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
-        let (mut t_nearest, mut square) = (t_max, None);
-        for candidate in &self.squares {
+        let (mut t_nearest, mut nearest) = (t_max, None);
+        for candidate in &self.closed {
             if let Some(t) = candidate.1.crossing(ray.origin.0, ray.direction.as_vec3(), t_min, t_nearest) {
-                (t_nearest, square) = (t, Some(candidate));
+                (t_nearest, nearest) = (t, Some(candidate));
             }
         }
         self.intersect_tree(ray, t_min, t_nearest).or_else(|| {
-            let (shape_idx, square) = square?;
-            Some(hit_on_solid(ray, t_nearest, *shape_idx, |_| square.normal()))
+            let (shape_idx, closed) = nearest?;
+            Some(hit_on_solid(ray, t_nearest, *shape_idx, |position| closed.normal_at(position)))
         })
     }
 
@@ -362,7 +365,7 @@ impl TraceScene {
         Some(match part {
             Part::Triangles(mesh) => triangle_hit(mesh, ray, &ray_hit, *shape_idx),
             Part::Solid(solid) => hit_on_solid(ray, ray_hit.ray.tfar, *shape_idx, |position| {
-                UnitVec3::try_new(solid.normal_at(position).as_vec3()).unwrap_or(-ray.direction)
+                solid.normal_at(position).unwrap_or(-ray.direction)
             }),
         })
     }
@@ -371,7 +374,7 @@ impl TraceScene {
     #[inline]
     pub fn is_occluded(&self, ray: &Ray, t_min: f32, t_max: f32) -> bool {
         let (origin, direction) = (ray.origin.0, ray.direction.as_vec3());
-        if self.squares.iter().any(|(_, square)| square.crossing(origin, direction, t_min, t_max).is_some()) {
+        if self.closed.iter().any(|(_, solid)| solid.crossing(origin, direction, t_min, t_max).is_some()) {
             return true;
         }
         let Some(scene) = &self.scene else { return false };
