@@ -44,7 +44,7 @@ impl Closed {
             Self::Block(block) => block.crossings(origin, direction),
         };
         // What is no number, where there is no crossing, is in no range.
-        let [near, far] = candidates.map(|t| t as f32);
+        let (near, far) = (candidates[0] as f32, candidates[1] as f32);
         if near > t_min && near < t_max {
             return Some(near);
         }

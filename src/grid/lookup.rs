@@ -43,6 +43,11 @@ impl DensityGrid {
         WorldPoint(self.corner + (p.0 + 0.5) * self.voxel_size)
     }
 
+    /// Largest index coordinates at which there may be density.
+    pub fn extent(&self) -> Vec3 {
+        self.extent
+    }
+
     /// The ray in index space.
     #[inline]
     pub fn ray_to_index(&self, origin: WorldPoint, direction: UnitVec3) -> IndexRay {
@@ -73,6 +78,24 @@ impl DensityGrid {
         let rows = near + (far - near) * w;
         let (low, high) = (rows.x + (rows.z - rows.x) * v, rows.y + (rows.w - rows.y) * v);
         low + (high - low) * u
+    }
+
+    /// The density of one of the eight voxels that [`DensityGrid::density_at`] interpolates, each taken with the probability
+    /// of its weight where `u` is uniform in the unit cube. It reads one number where the mean reads eight.
+    #[inline]
+    pub fn density_nearby(&self, p: IndexPoint, u: Vec3) -> f32 {
+        let p = p.0;
+        let place = p + u;
+        if !(p.cmpge(Vec3::ZERO).all() && place.cmplt(self.extent).all()) {
+            return 0.0;
+        }
+        // Not negative, so truncation is the floor.
+        let voxel = [place.x as i32 as usize, place.y as i32 as usize, place.z as i32 as usize];
+        let dims = self.directory.dims();
+        let place = ((voxel[2] >> 3) * dims.y as usize + (voxel[1] >> 3)) * dims.x as usize + (voxel[0] >> 3);
+        let Some(&brick_idx) = self.directory.values().get(place) else { return 0.0 };
+        let Some(brick) = self.bricks.get(brick_idx as usize) else { return 0.0 };
+        brick[((voxel[2] & 7) * STORED_EDGE + (voxel[1] & 7)) * STORED_EDGE + (voxel[0] & 7)]
     }
 
     /// The trilinear density at a world point.

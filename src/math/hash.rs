@@ -4,6 +4,7 @@
 //! The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014, *Fast Splittable Pseudorandom Number
 //! Generators*), applied to key and counter.
 
+use glam::Vec3;
 use rand_core::{Infallible, TryRng};
 
 /// Odd 64-bit constant nearest to 2^64 divided by the golden ratio: consecutive multiples are spread evenly.
@@ -65,6 +66,15 @@ impl CounterRng {
     #[inline]
     pub fn uniform(&mut self) -> f32 {
         unit_f32(self.next_word())
+    }
+
+    /// The next three numbers, uniform in [0, 1), of 21 bits each: a third of the work where that many do.
+    #[inline]
+    pub fn coarse_point(&mut self) -> Vec3 {
+        const MASK: u64 = (1 << 21) - 1;
+        let word = self.next_word();
+        let bits = [word & MASK, word >> 21 & MASK, word >> 42 & MASK];
+        Vec3::new(bits[0] as i32 as f32, bits[1] as i32 as f32, bits[2] as i32 as f32) * (1.0 / (1u64 << 21) as f32)
     }
 
     #[inline]

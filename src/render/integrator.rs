@@ -20,6 +20,7 @@ use crate::render::light_path::{EMISSION_GROUP, FirstEvent, Passage};
 use crate::render::material::{Sight, SurfacePoint};
 use crate::render::media::Media;
 use crate::render::sampler::{Dimension, Sampler};
+use crate::render::sun_shadow::SunShadows;
 use crate::render::vertex::Vertex;
 use crate::render::world::World;
 use glam::Vec3;
@@ -46,6 +47,8 @@ pub struct Integrator<'a> {
     pub world: &'a World,
     /// What light flies through.
     pub media: Media<'a>,
+    /// What the media do to light of suns.
+    pub sun_shadows: SunShadows,
     /// When paths end.
     pub limits: PathLimits,
 }
@@ -349,7 +352,7 @@ impl<'a> Integrator<'a> {
         if self.world.is_blocked(&ray, t_max, target) {
             return Vec3::ZERO;
         }
-        self.media.transmittance(&ray, sample.distance, sampler.stream())
+        self.media.transmittance(&ray, sample.distance, self.sun_shadows.towards(target), sampler.stream())
     }
 }
 

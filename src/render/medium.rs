@@ -73,6 +73,14 @@ impl Medium {
         if self.detail.is_some() { self.detailed(sigma_t, p) } else { sigma_t }
     }
 
+    /// The extinction coefficient [1/m] at one of the eight voxels round `p`, of which a uniform point `u` of the unit cube
+    /// picks one so that the mean is [`Medium::sigma_t`]: for decisions whose probability is proportional to it.
+    #[inline]
+    pub fn sigma_t_nearby(&self, p: IndexPoint, u: Vec3) -> f32 {
+        let sigma_t = self.extinction * self.grid.density_nearby(p, u);
+        if self.detail.is_some() { self.detailed(sigma_t, p) } else { sigma_t }
+    }
+
     #[cold]
     fn detailed(&self, sigma_t: f32, p: IndexPoint) -> f32 {
         match &self.detail {

@@ -38,6 +38,7 @@ pub mod picture;
 pub mod sampler;
 pub mod spot;
 pub mod sun;
+pub mod sun_shadow;
 pub mod surface_keys;
 pub mod surface_light;
 pub mod texture;

@@ -10,6 +10,7 @@
 //! scaling down and the eye remove it.
 
 use crate::math::hash::{CounterRng, Seed};
+use glam::Vec3;
 use sobol_burley::parts::{Int4, owen_scramble_int4_rev, owen_scramble_rev, sobol_int4_rev};
 use std::sync::LazyLock;
 
@@ -131,6 +132,12 @@ impl Stream {
     #[inline]
     pub fn uniform(&mut self) -> f32 {
         self.rng.uniform()
+    }
+
+    /// A point of the unit cube.
+    #[inline]
+    pub fn point(&mut self) -> Vec3 {
+        self.rng.coarse_point()
     }
 }
 

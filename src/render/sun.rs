@@ -50,6 +50,16 @@ impl Sun {
         self.irradiance
     }
 
+    /// From the lit point to the middle of the disk.
+    pub fn towards(&self) -> UnitVec3 {
+        self.towards
+    }
+
+    /// One minus the cosine of half the diameter of the disk; 0 of parallel light.
+    pub fn one_minus_cosine(&self) -> f32 {
+        self.disk.as_ref().map_or(0.0, |disk| disk.one_minus_cosine)
+    }
+
     /// A direction towards the disk, even over solid angle, from two uniform numbers.
     pub fn sample(&self, u: [f32; 2]) -> LightSample {
         let Some(disk) = &self.disk else {

@@ -14,6 +14,7 @@ use crate::render::media::Media;
 use crate::render::medium::Medium;
 use crate::render::motion::FrameMotion;
 use crate::render::sampler::{Dimension, PixelSamples};
+use crate::render::sun_shadow::SunShadows;
 use crate::render::world::World;
 use glam::Vec2;
 use std::ops::Range;
@@ -94,7 +95,10 @@ pub fn render_media(
     motion: Option<&FrameMotion>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
-    let integrator = Integrator { world, media, limits: view.limits };
+    let t0 = Instant::now();
+    let sun_shadows = SunShadows::new(&world.lights, media.grids());
+    eprintln!("sun {:?}", t0.elapsed());
+    let integrator = Integrator { world, media, sun_shadows, limits: view.limits };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
     let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();

@@ -8,6 +8,7 @@
 use crate::geometry::embree::Ray;
 use crate::grid::lookup::IndexRay;
 use crate::grid::majorant::Segment;
+use crate::math::space::IndexPoint;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::dense::{self, Crossing};
@@ -64,7 +65,9 @@ pub fn sample_collision(
             }
             continue;
         }
-        while let Some(sigma_t) = flight.next_candidate(&mut piece) {
+        while let Some(p) = flight.next_candidate(&mut piece) {
+            // Met or passed with a probability proportional to the extinction: that of any voxel with the mean will do.
+            let sigma_t = piece.bounded(medium.sigma_t_nearby(p, stream.point()));
             let hero_ratio = chroma.as_ref().map_or(1.0, |chroma| chroma.hero_ratio());
             if stream.uniform() * piece.sigma_maj < sigma_t * hero_ratio {
                 if let Some(chroma) = chroma {
@@ -118,7 +121,8 @@ pub fn estimate_tinted_transmittance(medium: &Medium, ratios: Vec3, ray: &Ray, t
             }
             continue;
         }
-        while let Some(sigma_t) = flight.next_candidate(&mut piece) {
+        while let Some(p) = flight.next_candidate(&mut piece) {
+            let sigma_t = piece.bounded(medium.sigma_t(p));
             transmittance *= Vec3::ONE - sigma_t / piece.sigma_maj * ratios;
             stream.null_collisions += 1;
             if !survives_in_color(&mut transmittance, stream) {
@@ -159,7 +163,8 @@ pub fn estimate_transmittance(medium: &Medium, ray: &Ray, t_max: f32, stream: &m
         }
         // Drawn only where there is smoke: an empty grid must leave the stream as it is.
         let flight = flight.get_or_insert_with(|| Flight { tau_left: optical_distance(stream.uniform()) });
-        while let Some(sigma_t) = flight.next_candidate(&mut piece) {
+        while let Some(p) = flight.next_candidate(&mut piece) {
+            let sigma_t = piece.bounded(medium.sigma_t(p));
             transmittance *= 1.0 - sigma_t / piece.sigma_maj;
             stream.null_collisions += 1;
             if !survives(&mut transmittance, stream) {
@@ -210,6 +215,13 @@ impl<'a> Piece<'a> {
         (self.end - self.t) * self.sigma_maj
     }
 
+    /// An extinction that was read on it, for which its bound holds but for rounding.
+    #[inline(always)]
+    fn bounded(&self, sigma_t: f32) -> f32 {
+        debug_assert!(sigma_t <= self.sigma_maj * 1.0001, "majorant {} below {sigma_t}", self.sigma_maj);
+        if sigma_t < self.sigma_maj { sigma_t } else { self.sigma_maj }
+    }
+
     #[inline(always)]
     fn is_dense(&self) -> bool {
         self.tau_maj() > DENSE && self.medium.has_exact_depths()
@@ -222,20 +234,18 @@ impl<'a> Piece<'a> {
 }
 
 impl Flight {
-    /// Flies to the next collision on the piece, real or fictitious, and returns the extinction there [1/m], at most that
-    /// of the piece; `None` where the piece ends first.
+    /// Flies to the next collision on the piece, real or fictitious, and returns where that is; `None` where the piece ends
+    /// first.
     // Inlined, as most pieces end first and should cost no more than this comparison.
     #[inline(always)]
-    fn next_candidate(&mut self, piece: &mut Piece) -> Option<f32> {
+    fn next_candidate(&mut self, piece: &mut Piece) -> Option<IndexPoint> {
         let tau_maj = piece.tau_maj();
         if self.tau_left >= tau_maj {
             self.tau_left -= tau_maj;
             return None;
         }
         piece.t += self.tau_left / piece.sigma_maj;
-        let sigma_t = piece.medium.sigma_t(piece.line.at(piece.t));
-        debug_assert!(sigma_t <= piece.sigma_maj * 1.0001, "majorant {} below {sigma_t}", piece.sigma_maj);
-        Some(if sigma_t < piece.sigma_maj { sigma_t } else { piece.sigma_maj })
+        Some(piece.line.at(piece.t))
     }
 }
 

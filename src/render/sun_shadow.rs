@@ -1,0 +1,195 @@
+//! Transmittance towards a sun from a lattice, and what it misses put right now and then.
+//!
+//! Every scattering asks the sun, always along the same direction. So the transmittance is worked out once on a lattice whose
+//! columns run along that direction: each column is one walk through the smoke, and no error adds up along it. A connection
+//! reads the lattice, T̃, and with probability p adds (T − T̃)/p, T being the exact transmittance along its own ray. The mean is
+//! T whatever the lattice holds: it is a control variate, and only how often T must be worked out depends on it. p grows with
+//! the differences in the lattice nearby, where interpolation may err.
+
+use crate::geometry::embree::Ray;
+use crate::grid::BRICK_EDGE;
+use crate::math::parallel;
+use crate::math::space::{IndexPoint, UnitVec3};
+use crate::render::equiangular::optical_depth;
+use crate::render::light::Light;
+use crate::render::medium::Medium;
+use crate::render::sampler::Stream;
+use glam::{UVec3, Vec2, Vec3};
+
+/// Voxels between columns, and between points of a column along the axis nearest to the sun's direction.
+const SPACING: f32 = 2.0;
+/// Most points of a lattice; of larger smoke they lie further apart.
+const POINTS_MAX: f32 = 16e6;
+/// Probability with which the exact transmittance is worked out where the lattice is flat.
+const LEAST_PROBABILITY: f32 = 1.0 / 128.0;
+/// The same over the range of the eight transmittances about a point.
+const PROBABILITY_PER_RANGE: f32 = 0.125;
+/// Beyond half of this angular diameter [1 − cosine] directions to the sun differ by more than the lattice can say.
+const WIDEST: f32 = 1e-3;
+
+/// Transmittances of one volume towards one sun.
+pub struct SunShadow {
+    /// At each point as a fraction of 255, along columns first.
+    values: Vec<u8>,
+    /// Points of the lattice: along columns, and of columns along the two other axes.
+    dims: UVec3,
+    /// The axis along which the columns' points are numbered, and the two others.
+    axes: [usize; 3],
+    /// Index coordinates of the first point of the first column.
+    low: Vec3,
+    /// Change of the other two coordinates along a column for a voxel along its axis.
+    slope: Vec2,
+    spacing: f32,
+}
+
+impl SunShadow {
+    /// The shadow that `medium` casts away from the direction `towards` a sun; `None` without smoke, and where optical depths
+    /// are not known exactly.
+    pub fn new(medium: &Medium, towards: UnitVec3) -> Option<Self> {
+        if medium.grid().is_empty() || !medium.has_exact_depths() || medium.tint.is_some() {
+            return None;
+        }
+        let axis = towards.abs().max_position();
+        let axes = [axis, (axis + 1) % 3, (axis + 2) % 3];
+        let slope = Vec2::new(towards[axes[1]], towards[axes[2]]) / towards[axis];
+        // Index coordinates between which there may be density.
+        let (low, high) = (Vec3::splat(BRICK_EDGE as f32 - 1.0), medium.grid().extent());
+        let size = high - low;
+        // Columns through the near face stand before those through the far one by as much as they lean.
+        let lean = slope * size[axis];
+        let own_low = Vec2::new(low[axes[1]], low[axes[2]]) - lean.max(Vec2::ZERO);
+        let own_size = Vec2::new(size[axes[1]], size[axes[2]]) + lean.abs();
+        let volume = size[axis] * own_size.x * own_size.y;
+        let spacing = SPACING.max((volume / POINTS_MAX).cbrt());
+        let dims = Vec3::new(size[axis], own_size.x, own_size.y) / spacing;
+        let dims = dims.ceil().as_uvec3() + 1;
+        let mut shadow = Self {
+            values: vec![u8::MAX; dims.element_product() as usize],
+            dims,
+            axes,
+            low: Vec3::new(low[axis], own_low.x, own_low.y),
+            slope,
+            spacing,
+        };
+        let from_sun = -towards;
+        let is_first_nearest = towards[axis] < 0.0;
+        let mut values = std::mem::take(&mut shadow.values);
+        parallel::for_each_chunk_mut(&mut values, dims.x as usize, |column, values| {
+            let column = UVec3::new(0, column as u32 % dims.y, column as u32 / dims.y);
+            let start = UVec3 { x: if is_first_nearest { 0 } else { dims.x - 1 }, ..column };
+            let ray = Ray { origin: medium.grid().to_world(shadow.point(start)), direction: from_sun };
+            let between = spacing * medium.grid().voxel_size() / towards[axis].abs();
+            let at = |i: usize, value: u8| {
+                let n = values.len();
+                values[if is_first_nearest { i } else { n - 1 - i }] = value;
+            };
+            fill_column(medium, &ray, between, dims.x as usize, at);
+        });
+        shadow.values = values;
+        Some(shadow)
+    }
+
+    /// Index coordinates of a point of the lattice.
+    fn point(&self, place: UVec3) -> IndexPoint {
+        let along = place.x as f32 * self.spacing;
+        let across = Vec2::new(self.low.y, self.low.z) + Vec2::new(place.y as f32, place.z as f32) * self.spacing;
+        let across = across + self.slope * along;
+        let mut p = Vec3::ZERO;
+        p[self.axes[0]] = self.low.x + along;
+        p[self.axes[1]] = across.x;
+        p[self.axes[2]] = across.y;
+        IndexPoint(p)
+    }
+
+    /// The transmittance from `p` to the sun by the lattice, and the range of the values that it was interpolated from.
+    #[inline]
+    fn read(&self, p: IndexPoint) -> (f32, f32) {
+        let p = p.0.to_array();
+        let along = p[self.axes[0]] - self.low.x;
+        let across = Vec2::new(p[self.axes[1]] - self.low.y, p[self.axes[2]] - self.low.z) - self.slope * along;
+        let last = self.dims.as_vec3() - 1.0;
+        let place = Vec3::new(along, across.x, across.y) / self.spacing;
+        // What lies beside the lattice has no smoke before the sun; before and behind it all of a column's or none.
+        if !(place.y >= 0.0 && place.z >= 0.0 && place.y < last.y && place.z < last.z) {
+            return (1.0, 0.0);
+        }
+        let x = place.x.clamp(0.0, last.x - 1e-3);
+        let cell = [x as i32 as usize, place.y as i32 as usize, place.z as i32 as usize];
+        let (u, v, w) = (x - cell[0] as i32 as f32, place.y - cell[1] as i32 as f32, place.z - cell[2] as i32 as f32);
+        let (row, layer) = (self.dims.x as usize, self.dims.x as usize * self.dims.y as usize);
+        let at = cell[0] + cell[1] * row + cell[2] * layer;
+        let Some(values) = self.values.get(at..at + layer + row + 2) else { return (1.0, 1.0) };
+        let value = |o: usize| f32::from(values[o]);
+        let [a, b, c, d] = [value(0), value(1), value(row), value(row + 1)];
+        let [e, f, g, h] = [value(layer), value(layer + 1), value(layer + row), value(layer + row + 1)];
+        let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let near = lerp(lerp(a, b, u), lerp(c, d, u), v);
+        let far = lerp(lerp(e, f, u), lerp(g, h, u), v);
+        let most = a.max(b).max(c.max(d)).max(e.max(f).max(g.max(h)));
+        let least = a.min(b).min(c.min(d)).min(e.min(f).min(g.min(h)));
+        const UNIT: f32 = 1.0 / u8::MAX as f32;
+        (lerp(near, far, w) * UNIT, (most - least) * UNIT)
+    }
+
+    /// An unbiased estimate of the transmittance of `medium`, of which this is the shadow, along a ray to the sun. It may lie
+    /// outside of [0, 1].
+    #[inline]
+    pub fn estimate_transmittance(&self, medium: &Medium, ray: &Ray, stream: &mut Stream) -> f32 {
+        let (rough, range) = self.read(medium.grid().to_index(ray.origin));
+        let probability = LEAST_PROBABILITY + PROBABILITY_PER_RANGE * range;
+        if stream.uniform() >= probability {
+            return rough;
+        }
+        let exact = (-optical_depth(medium, ray, f32::INFINITY)).exp() as f32;
+        rough + (exact - rough) / probability
+    }
+}
+
+/// Hands the transmittances at `count` points, `between` [m] from one to the next along a ray from the sun, to `at`.
+fn fill_column(medium: &Medium, ray: &Ray, between: f32, count: usize, mut at: impl FnMut(usize, u8)) {
+    /// Pieces in which the density is taken at the middle [voxels].
+    const PIECE: f32 = 1.5;
+    let line = medium.ray_to_index(ray);
+    let longest = PIECE * medium.grid().voxel_size();
+    let value = |tau: f32| ((-tau).exp() * f32::from(u8::MAX) + 0.5) as u8;
+    let (mut next, mut tau) = (0, 0.0f32);
+    for segment in medium.majorants(ray, f32::INFINITY) {
+        let pieces = ((segment.t1 - segment.t0) / longest).ceil().max(1.0);
+        let dt = (segment.t1 - segment.t0) / pieces;
+        for i in 0..pieces as u32 {
+            let t = segment.t0 + i as f32 * dt;
+            while next < count && next as f32 * between <= t {
+                at(next, value(tau));
+                next += 1;
+            }
+            tau += medium.sigma_t(line.at(t + 0.5 * dt)) * dt;
+        }
+    }
+    (next..count).for_each(|i| at(i, value(tau)));
+}
+
+/// The shadows of all volumes towards all suns.
+#[derive(Default)]
+pub struct SunShadows {
+    /// For each light and each volume with voxels.
+    by_light: Vec<Vec<Option<SunShadow>>>,
+}
+
+impl SunShadows {
+    /// Those that `media` cast away from such of `lights` as are suns.
+    pub fn new<'a>(lights: &[Light], media: impl Iterator<Item = &'a Medium> + Clone) -> Self {
+        let of_light = |light: &Light| match light {
+            Light::Sun(sun) if sun.one_minus_cosine() < WIDEST => {
+                media.clone().map(|medium| SunShadow::new(medium, sun.towards())).collect()
+            }
+            _ => Vec::new(),
+        };
+        Self { by_light: lights.iter().map(of_light).collect() }
+    }
+
+    /// Those towards light `i`: one for each volume with voxels, or none at all.
+    #[inline]
+    pub fn towards(&self, i: usize) -> &[Option<SunShadow>] {
+        self.by_light.get(i).map_or(&[], |shadows| shadows)
+    }
+}
