@@ -66,7 +66,7 @@ fn tracking(c: &mut Criterion) {
     let surfaces = SceneBuilder::new().commit().expect("Embree; run ./bootstrap.sh");
     let world = World::new(surfaces, Vec::new(), lights, WorldPoint::default());
     let limits = PathLimits { max_bounces: 64, roulette_from: 8 };
-    let integrator = Integrator { world: &world, media: Some(&medium).into(), limits };
+    let integrator = Integrator { world: &world, media: Some(&medium).into(), sun_shadows: Default::default(), limits };
     group.bench_function("path", |b| {
         b.iter(|| {
             for (i, ray) in rays.iter().enumerate() {

@@ -92,7 +92,12 @@ fn what_passes_smoke_falls_by_each_channels_own_extinction() {
         let grid = centered_grid([16, 16, 16], 0.1, |_| 1.0);
         let medium = render::build_medium(&stage.scene, grid).unwrap().unwrap();
         let view = render::build_view(&stage.scene, 1, None);
-        let integrator = Integrator { world: &stage.world, media: Some(&medium).into(), limits: view.limits };
+        let integrator = Integrator {
+            world: &stage.world,
+            media: Some(&medium).into(),
+            sun_shadows: Default::default(),
+            limits: view.limits,
+        };
         let direction = UnitVec3::try_new(Vec3::NEG_Z).unwrap();
         let ray = Ray { origin: WorldPoint::new(0.0, 0.0, 4.0), direction };
         let mut sums: [Moments; 3] = std::array::from_fn(|_| Moments::default());

@@ -56,10 +56,10 @@ impl Closed {
     pub fn normal_at(&self, p: DVec3) -> UnitVec3 {
         let normal = match self {
             Self::Square(square) => square.normal,
-            Self::Ball(ball) => p - ball.center,
+            Self::Ball(ball) => (p - ball.center) / ball.radius,
             Self::Block(block) => block.normal_at(p),
         };
-        UnitVec3::new_unchecked(normal.normalize().as_vec3())
+        UnitVec3::new_unchecked(normal.as_vec3())
     }
 }
 
@@ -98,7 +98,8 @@ impl Square {
         // Of a ray along the plane it is infinite or no number, and in no range.
         let t = to_middle.dot(self.normal) / direction.dot(self.normal);
         let place = direction * t - to_middle;
-        let is_within = place.dot(self.edges[0]).abs() <= self.half_width && place.dot(self.edges[1]).abs() <= self.half_width;
+        let is_within =
+            place.dot(self.edges[0]).abs() <= self.half_width && place.dot(self.edges[1]).abs() <= self.half_width;
         if is_within { t } else { f64::NAN }
     }
 }
@@ -133,6 +134,8 @@ impl Ball {
 pub struct Block {
     /// From world directions to those along its edges.
     to_own: DMat3,
+    /// Most boxes are not.
+    is_turned: bool,
     center: DVec3,
     /// Half its edge lengths [m].
     half_size: DVec3,
@@ -141,8 +144,10 @@ pub struct Block {
 impl Block {
     fn new(cuboid: &Cuboid, at: &Similarity) -> Self {
         let (rotation, scale) = (at.rotation.as_dquat().normalize(), f64::from(at.scale));
+        let to_own = DMat3::from_quat(rotation).transpose();
         Self {
-            to_own: DMat3::from_quat(rotation).transpose(),
+            to_own,
+            is_turned: to_own != DMat3::IDENTITY,
             center: rotation * cuboid.center * scale + at.translation.as_dvec3(),
             half_size: cuboid.half_size * scale,
         }
@@ -150,17 +155,28 @@ impl Block {
 
     #[inline]
     fn crossings(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
-        let origin = self.to_own * (origin - self.center);
-        let inverse = (self.to_own * direction).recip();
-        // Of a ray within the plane of a face one of the two is no number, which min and max pass over.
-        let (a, b) = ((-self.half_size - origin) * inverse, (self.half_size - origin) * inverse);
-        let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
+        let (mut origin, mut direction) = (origin - self.center, direction);
+        if self.is_turned {
+            (origin, direction) = (self.to_own * origin, self.to_own * direction);
+        }
+        let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+        for axis in 0..3 {
+            let inverse = 1.0 / direction[axis];
+            // Of a ray within the plane of a face one is no number: it passes beside the box, or comparisons pass it over.
+            let (a, b) =
+                ((-self.half_size[axis] - origin[axis]) * inverse, (self.half_size[axis] - origin[axis]) * inverse);
+            let (enter, leave) = if a < b { (a, b) } else { (b, a) };
+            near = if enter > near { enter } else { near };
+            far = if leave < far { leave } else { far };
+        }
         if near <= far { [near, far] } else { [f64::NAN; 2] }
     }
 
     fn normal_at(&self, p: DVec3) -> DVec3 {
         let own = self.to_own * (p - self.center);
-        let axis = (own.abs() - self.half_size).max_position();
+        let beyond = own.abs() - self.half_size;
+        let is_x = beyond.x >= beyond.y && beyond.x >= beyond.z;
+        let axis = if is_x { 0 } else { 1 + usize::from(beyond.z > beyond.y) };
         self.to_own.row(axis) * own[axis].signum()
     }
 }

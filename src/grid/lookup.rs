@@ -89,8 +89,11 @@ impl DensityGrid {
         if !(p.cmpge(Vec3::ZERO).all() && place.cmplt(self.extent).all()) {
             return 0.0;
         }
-        // Not negative, so truncation is the floor.
-        let voxel = [place.x as i32 as usize, place.y as i32 as usize, place.z as i32 as usize];
+        // The floor of a number in [½, 2^23) is in the last bits of what rounds to a multiple of 1; there is nothing below ½.
+        const ONES: f32 = 8_388_608.0;
+        let bits = ((place - 0.5) + ONES).to_array();
+        let floor = |x: f32| (x.to_bits() & 0x007f_ffff) as usize;
+        let voxel = [floor(bits[0]), floor(bits[1]), floor(bits[2])];
         let dims = self.directory.dims();
         let place = ((voxel[2] >> 3) * dims.y as usize + (voxel[1] >> 3)) * dims.x as usize + (voxel[0] >> 3);
         let Some(&brick_idx) = self.directory.values().get(place) else { return 0.0 };
@@ -141,12 +144,39 @@ mod tests {
         }
     }
 
+    /// Both the mean and that nothing but the eight voxels round a point is read.
+    #[test]
+    fn the_voxels_nearby_have_the_interpolated_mean() {
+        let mut rng = CounterRng::new(Seed(4));
+        let origin = WorldPoint::new(-1.0, 0.5, 2.0);
+        let grid = DensityGrid::from_fn(origin, 0.25, UVec3::new(17, 9, 24), 1 << 24, |p| {
+            (3.0 * p.0.x).sin().max(0.0) + (2.0 * p.0.y).cos().max(0.0) * p.0.z
+        })
+        .unwrap();
+        for _ in 0..300 {
+            let r = Vec3::new(rng.uniform(), rng.uniform(), rng.uniform());
+            let p = grid.to_index(origin + (r * 1.2 - 0.1) * Vec3::new(17.0, 9.0, 24.0) * 0.25);
+            let (mut sum, mut square) = (0.0, 0.0);
+            const N: u32 = 4000;
+            for _ in 0..N {
+                let value = f64::from(grid.density_nearby(p, rng.coarse_point()));
+                sum += value;
+                square += value * value;
+            }
+            let mean = sum / f64::from(N);
+            let error = ((square / f64::from(N) - mean * mean).max(0.0) / f64::from(N)).sqrt();
+            let expected = f64::from(grid.density_at(p));
+            assert!((mean - expected).abs() <= 4.5 * error + 1e-5, "{p:?}: {mean} {expected} {error}");
+        }
+    }
+
     #[test]
     fn nonsense_points_read_zero() {
         let grid = DensityGrid::from_fn(WorldPoint::default(), 1.0, UVec3::splat(8), 1 << 20, |_| 1.0).unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e-30] {
             assert_eq!(grid.density_at(IndexPoint(Vec3::new(bad, 9.0, 9.0))), 0.0);
             assert_eq!(grid.density_at(IndexPoint(Vec3::splat(bad))), 0.0);
+            assert_eq!(grid.density_nearby(IndexPoint(Vec3::splat(bad)), Vec3::splat(0.9)), 0.0);
         }
         assert_eq!(grid.density(WorldPoint::new(4.0, 4.0, 4.0)), 1.0);
         assert_eq!(grid.density(WorldPoint::new(0.0, 4.0, 4.0)), 0.5);

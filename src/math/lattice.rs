@@ -25,6 +25,7 @@ impl<T: Copy> Lattice<T> {
     }
 
     /// Number of points along each axis.
+    #[inline]
     pub fn dims(&self) -> UVec3 {
         self.dims
     }
@@ -63,6 +64,7 @@ impl<T: Copy> Lattice<T> {
     }
 
     /// All values, x fastest.
+    #[inline]
     pub fn values(&self) -> &[T] {
         &self.values
     }

@@ -26,6 +26,7 @@ impl WorldPoint {
 
 impl Add<Vec3> for WorldPoint {
     type Output = Self;
+    #[inline]
     fn add(self, offset: Vec3) -> Self {
         Self(self.0 + offset)
     }
@@ -33,6 +34,7 @@ impl Add<Vec3> for WorldPoint {
 
 impl Sub<Vec3> for WorldPoint {
     type Output = Self;
+    #[inline]
     fn sub(self, offset: Vec3) -> Self {
         Self(self.0 - offset)
     }
@@ -40,6 +42,7 @@ impl Sub<Vec3> for WorldPoint {
 
 impl Sub for WorldPoint {
     type Output = Vec3;
+    #[inline]
     fn sub(self, other: Self) -> Vec3 {
         self.0 - other.0
     }
@@ -50,6 +53,7 @@ impl UnitVec3 {
     pub const Y: Self = Self(Vec3::Y);
 
     /// The direction of `v`, or `None` where it has none (zero, infinite or NaN).
+    #[inline]
     pub fn try_new(v: Vec3) -> Option<Self> {
         v.try_normalize().map(Self)
     }
@@ -58,18 +62,21 @@ impl UnitVec3 {
     ///
     /// # Panics
     /// In builds with debug assertions, where its length is further than 1e-3 from 1.
+    #[inline]
     pub fn new_unchecked(v: Vec3) -> Self {
         debug_assert!((v.length() - 1.0).abs() < 1e-3, "not a unit vector: {v}");
         Self(v)
     }
 
     /// The coordinates.
+    #[inline]
     pub fn as_vec3(self) -> Vec3 {
         self.0
     }
 
     /// Two directions that make a right-handed orthonormal frame with this one as its third axis, without a branch
     /// and continuous but for the sign of z (Duff et al. 2017, *Building an Orthonormal Basis, Revisited*).
+    #[inline]
     pub fn orthonormal_pair(self) -> (Vec3, Vec3) {
         let n = self.0;
         let sign = 1f32.copysign(n.z);
@@ -79,14 +86,18 @@ impl UnitVec3 {
     }
 
     /// The direction with coordinates `local` in the frame whose third axis is this one.
+    #[inline]
     pub fn from_local(self, local: Vec3) -> Self {
         let (s, t) = self.orthonormal_pair();
-        Self((s * local.x + t * local.y + self.0 * local.z).normalize())
+        let direction = s * local.x + t * local.y + self.0 * local.z;
+        // A step of Newton's for the inverse root, so that thousands of turns in a row do not add up.
+        Self(direction * (1.5 - 0.5 * direction.length_squared()))
     }
 }
 
 impl Deref for UnitVec3 {
     type Target = Vec3;
+    #[inline]
     fn deref(&self) -> &Vec3 {
         &self.0
     }
@@ -94,6 +105,7 @@ impl Deref for UnitVec3 {
 
 impl Neg for UnitVec3 {
     type Output = Self;
+    #[inline]
     fn neg(self) -> Self {
         Self(-self.0)
     }

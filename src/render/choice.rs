@@ -20,6 +20,7 @@ pub struct LightChoice {
     /// Running sums of the probability of each light, as seen from the middle of the scene. All there is where no more
     /// than one light has a choice that depends on the point.
     fixed: Vec<f32>,
+    only: Option<usize>,
     near: Option<Near>,
 }
 
@@ -61,14 +62,28 @@ impl LightChoice {
         let fixed = shares.iter().map(running).collect();
         let asked = shares.iter().filter(|&&share| share > 0.0).count();
         let near = (asked > 1 && lights.iter().any(is_near)).then(|| Near::new(lights, &shares, is_near));
-        Self { fixed, near }
+        let only = shares.iter().position(|&share| share > 0.0).filter(|_| asked == 1);
+        Self { fixed, only, near }
+    }
+
+    /// The light that is chosen whatever the point and the number, where there is but one to choose.
+    pub fn only(&self) -> Option<usize> {
+        self.only
     }
 
     /// The light chosen at a lit point by the uniform number `u`, and the probability of that.
+    #[inline]
     pub fn choose(&self, lights: &[Light], at: WorldPoint, u: f32) -> Option<(usize, f32)> {
+        if let Some(i) = self.only {
+            return Some((i, 1.0));
+        }
         if let Some(near) = &self.near {
             return near.choose(lights, at, u);
         }
+        self.choose_fixed(u)
+    }
+
+    fn choose_fixed(&self, u: f32) -> Option<(usize, f32)> {
         let last = *self.fixed.last()?;
         if last <= 0.0 {
             return None;
@@ -80,6 +95,9 @@ impl LightChoice {
     /// Probability of choosing light `i` at a lit point.
     #[inline]
     pub fn pmf(&self, lights: &[Light], at: WorldPoint, i: usize) -> f32 {
+        if let Some(only) = self.only {
+            return if i == only { 1.0 } else { 0.0 };
+        }
         self.near.as_ref().map_or_else(|| self.fixed_pmf(i), |near| near.pmf(lights, at, i))
     }
 

@@ -62,7 +62,7 @@ impl Filter {
     #[inline]
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         match self {
-            Filter::Box { radius } => Vec2::from(u.map(|u| (2.0 * u - 1.0) * radius)),
+            Filter::Box { radius } => (2.0 * Vec2::from(u) - 1.0) * *radius,
             Filter::Separable { inverse } => Vec2::from(u.map(|u| {
                 let place = u * TABLE as f32;
                 let i = (place as usize).min(TABLE - 1);

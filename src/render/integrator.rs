@@ -263,7 +263,7 @@ impl<'a> Integrator<'a> {
         bounce: u32,
         sampler: &mut Sampler,
     ) -> Option<(LightSample, usize, f32)> {
-        let u = sampler.numbers(Dimension::Light, bounce);
+        let u = if self.world.asks_by_chance { sampler.numbers(Dimension::Light, bounce) } else { [0.5; 4] };
         let (target, pmf) = self.world.choose_light(asked.point, u[0])?;
         let sample = self.world.lights[target].sample(vertex.point(), [u[1], u[2]])?;
         let mis = connection_weight(vertex, &sample, pmf, asked.nearby_density(target));

@@ -132,6 +132,15 @@ impl Light {
         }
     }
 
+    /// Whether [`Light::sample`] depends on its numbers.
+    pub fn has_extent(&self) -> bool {
+        match self {
+            Light::Sun(sun) => sun.one_minus_cosine() > 0.0,
+            Light::Point { .. } | Light::Spot(_) => false,
+            Light::Environment(_) | Light::Panel(_) | Light::Ball(_) | Light::Surface(_) => true,
+        }
+    }
+
     /// Whether shadow rays towards it are needed (no path can meet it) or lower the noise.
     pub fn is_worth_sampling(&self) -> bool {
         match self {

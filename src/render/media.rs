@@ -304,13 +304,7 @@ impl Each<'_> {
     }
 }
 
-fn grid_transmittance(
-    medium: &Medium,
-    ray: &Ray,
-    t_max: f32,
-    shadow: Option<&SunShadow>,
-    stream: &mut Stream,
-) -> Rgb {
+fn grid_transmittance(medium: &Medium, ray: &Ray, t_max: f32, shadow: Option<&SunShadow>, stream: &mut Stream) -> Rgb {
     if let Some(shadow) = shadow {
         return Vec3::splat(shadow.estimate_transmittance(medium, ray, stream));
     }

@@ -98,6 +98,7 @@ impl Phase {
 }
 
 impl Lobe {
+    #[inline]
     fn value(self, cosine: f32) -> f32 {
         match self {
             Lobe::HenyeyGreenstein { g } => henyey_greenstein(g, cosine),

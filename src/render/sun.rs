@@ -61,6 +61,7 @@ impl Sun {
     }
 
     /// A direction towards the disk, even over solid angle, from two uniform numbers.
+    #[inline]
     pub fn sample(&self, u: [f32; 2]) -> LightSample {
         let Some(disk) = &self.disk else {
             return LightSample {

@@ -9,12 +9,12 @@
 use crate::geometry::embree::Ray;
 use crate::grid::BRICK_EDGE;
 use crate::math::parallel;
-use crate::math::space::{IndexPoint, UnitVec3};
+use crate::math::space::{IndexPoint, UnitVec3, WorldPoint};
 use crate::render::equiangular::optical_depth;
 use crate::render::light::Light;
 use crate::render::medium::Medium;
 use crate::render::sampler::Stream;
-use glam::{UVec3, Vec2, Vec3};
+use glam::{Mat3A, UVec3, Vec2, Vec3, Vec3A};
 
 /// Voxels between columns, and between points of a column along the axis nearest to the sun's direction.
 const SPACING: f32 = 2.0;
@@ -40,6 +40,9 @@ pub struct SunShadow {
     /// Change of the other two coordinates along a column for a voxel along its axis.
     slope: Vec2,
     spacing: f32,
+    /// Where the first point of the first column is [m], and from offsets to it to places in the lattice.
+    start: Vec3A,
+    to_place: Mat3A,
 }
 
 impl SunShadow {
@@ -70,7 +73,14 @@ impl SunShadow {
             low: Vec3::new(low[axis], own_low.x, own_low.y),
             slope,
             spacing,
+            start: Vec3A::ZERO,
+            to_place: Mat3A::IDENTITY,
         };
+        shadow.start = medium.grid().to_world(shadow.point(UVec3::ZERO)).0.into();
+        let [along, across_u, across_v] = axes.map(|axis| Vec3A::AXES[axis]);
+        let rows = [along, across_u - slope.x * along, across_v - slope.y * along];
+        let scale = 1.0 / (spacing * medium.grid().voxel_size());
+        shadow.to_place = Mat3A::from_cols(rows[0], rows[1], rows[2]).transpose() * scale;
         let from_sun = -towards;
         let is_first_nearest = towards[axis] < 0.0;
         let mut values = std::mem::take(&mut shadow.values);
@@ -103,12 +113,9 @@ impl SunShadow {
 
     /// The transmittance from `p` to the sun by the lattice, and the range of the values that it was interpolated from.
     #[inline]
-    fn read(&self, p: IndexPoint) -> (f32, f32) {
-        let p = p.0.to_array();
-        let along = p[self.axes[0]] - self.low.x;
-        let across = Vec2::new(p[self.axes[1]] - self.low.y, p[self.axes[2]] - self.low.z) - self.slope * along;
-        let last = self.dims.as_vec3() - 1.0;
-        let place = Vec3::new(along, across.x, across.y) / self.spacing;
+    fn read(&self, p: WorldPoint) -> (f32, f32) {
+        let place = self.to_place * (Vec3A::from(p.0) - self.start);
+        let last = self.dims.as_vec3a() - 1.0;
         // What lies beside the lattice has no smoke before the sun; before and behind it all of a column's or none.
         if !(place.y >= 0.0 && place.z >= 0.0 && place.y < last.y && place.z < last.z) {
             return (1.0, 0.0);
@@ -135,7 +142,7 @@ impl SunShadow {
     /// outside of [0, 1].
     #[inline]
     pub fn estimate_transmittance(&self, medium: &Medium, ray: &Ray, stream: &mut Stream) -> f32 {
-        let (rough, range) = self.read(medium.grid().to_index(ray.origin));
+        let (rough, range) = self.read(ray.origin);
         let probability = LEAST_PROBABILITY + PROBABILITY_PER_RANGE * range;
         if stream.uniform() >= probability {
             return rough;
@@ -191,5 +198,99 @@ impl SunShadows {
     #[inline]
     pub fn towards(&self, i: usize) -> &[Option<SunShadow>] {
         self.by_light.get(i).map_or(&[], |shadows| shadows)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::DensityGrid;
+    use crate::math::hash::{CounterRng, Seed};
+    use crate::render::phase::Phase;
+
+    fn medium(corner: Vec3, density: impl Fn(Vec3) -> f32 + Sync) -> Medium {
+        let dims = UVec3::new(40, 24, 32);
+        let grid = DensityGrid::from_fn(WorldPoint(corner), 0.05, dims, 1 << 24, |p| density(p.0 - corner));
+        Medium::new(grid.expect("small"), 6.0, Vec3::ONE, Phase::HenyeyGreenstein { g: 0.0 })
+    }
+
+    /// Within a box of 2, 1.2 and 1.6 metres, towards whose faces they fade.
+    fn lumps(p: Vec3) -> f32 {
+        let q = p / Vec3::new(2.0, 1.2, 1.6);
+        let fade = (q * (1.0 - q)).max(Vec3::ZERO).element_product() * 40.0;
+        fade * ((5.0 * p.x).sin() * (6.0 * p.y + 1.0).cos() + (4.0 * p.z).sin() + 0.5).max(0.0)
+    }
+
+    fn directions() -> impl Iterator<Item = UnitVec3> {
+        let axes = Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+        let oblique = [Vec3::new(0.6, 0.7, 0.35), Vec3::new(-0.9, 0.3, -0.4), Vec3::new(0.2, -0.3, 0.9), Vec3::ONE];
+        axes.chain(oblique).map(|d| UnitVec3::try_new(d).expect("not zero"))
+    }
+
+    fn points(corner: Vec3, seed: u64) -> impl Iterator<Item = WorldPoint> {
+        let mut rng = CounterRng::new(Seed(seed));
+        std::iter::repeat_with(move || WorldPoint(corner + (rng.coarse_point() * 1.6 - 0.3) * Vec3::new(2.0, 1.2, 1.6)))
+    }
+
+    fn exact(medium: &Medium, ray: &Ray) -> f32 {
+        (-optical_depth(medium, ray, f32::INFINITY)).exp() as f32
+    }
+
+    #[test]
+    fn the_lattice_is_near_the_transmittance_in_the_smoke_and_about_it() {
+        for corner in [Vec3::new(-1.0, 0.4, 0.0), Vec3::new(900.0, -700.0, 400.0)] {
+            let medium = medium(corner, lumps);
+            for direction in directions() {
+                let shadow = SunShadow::new(&medium, direction).expect("there is smoke");
+                let (mut square, mut shaded) = (0.0, 0);
+                const N: usize = 2000;
+                for origin in points(corner, 3).take(N) {
+                    let expected = exact(&medium, &Ray { origin, direction });
+                    let (rough, range) = shadow.read(origin);
+                    square += (rough - expected).powi(2) / N as f32;
+                    shaded += u32::from(expected < 0.7);
+                    assert!((rough - expected).abs() < 0.05 + range, "{origin:?} {direction:?}: {rough} {expected}");
+                }
+                assert!(shaded > 200 && square.sqrt() < 0.02, "{direction:?}: {shaded} {square}");
+            }
+        }
+    }
+
+    /// Whatever the lattice holds: its own shadow, and that of other smoke.
+    #[test]
+    fn estimates_have_the_transmittance_as_their_mean() {
+        let corner = Vec3::new(-1.0, 0.4, 0.0);
+        let (smoke, other) = (medium(corner, lumps), medium(corner, |p| 0.6 * lumps(Vec3::new(2.0, 1.2, 1.6) - p)));
+        let mut stream = Stream::new(Seed(8));
+        for holder in [&smoke, &other] {
+            for direction in directions().step_by(3) {
+                let shadow = SunShadow::new(holder, direction).expect("there is smoke");
+                let (mut sum, mut square) = (0.0, 0.0);
+                const N: u32 = 60_000;
+                for origin in points(corner, 5).take(N as usize) {
+                    let ray = Ray { origin, direction };
+                    let error = shadow.estimate_transmittance(&smoke, &ray, &mut stream) - exact(&smoke, &ray);
+                    sum += f64::from(error);
+                    square += f64::from(error).powi(2);
+                }
+                let mean = sum / f64::from(N);
+                let deviation = (square / f64::from(N) - mean * mean).sqrt();
+                assert!(mean.abs() < 4.0 * deviation / f64::from(N).sqrt(), "{direction:?}: {mean} of {deviation}");
+                // The other smoke's shadow is wrong almost everywhere.
+                let is_own = std::ptr::eq(holder, &smoke);
+                assert!(if is_own { deviation < 0.12 } else { deviation > 0.2 }, "{deviation}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_sun_too_wide_and_smoke_without_exact_depths_have_no_shadow() {
+        use crate::render::sun::Sun;
+        let smoke = medium(Vec3::ZERO, lumps);
+        let sun = |degrees: f64| Light::Sun(Sun::new(-UnitVec3::Y, Vec3::ONE, degrees, false));
+        let shadows = SunShadows::new(&[sun(0.53), sun(30.0)], std::iter::once(&smoke));
+        assert!(shadows.towards(0)[0].is_some() && shadows.towards(1).is_empty() && shadows.towards(7).is_empty());
+        let none = medium(Vec3::ZERO, |_| 0.0);
+        assert!(SunShadow::new(&none, UnitVec3::Y).is_none());
     }
 }

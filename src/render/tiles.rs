@@ -95,9 +95,7 @@ pub fn render_media(
     motion: Option<&FrameMotion>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
-    let t0 = Instant::now();
     let sun_shadows = SunShadows::new(&world.lights, media.grids());
-    eprintln!("sun {:?}", t0.elapsed());
     let integrator = Integrator { world, media, sun_shadows, limits: view.limits };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();

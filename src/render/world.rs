@@ -28,6 +28,8 @@ pub struct World {
     /// Which light a shape is, for those that are.
     light_of_shape: Vec<Option<u32>>,
     choice: LightChoice,
+    /// Whether a connection depends on random numbers: not where the only light is a direction or a point.
+    pub asks_by_chance: bool,
 }
 
 /// A light that a ray meets.
@@ -58,8 +60,9 @@ impl World {
             }
         }
         let choice = LightChoice::new(&lights, center);
+        let asks_by_chance = choice.only().is_none_or(|i| lights[i].has_extent());
         let groups = vec![OTHER_GROUP; lights.len()];
-        Self { surfaces, materials, lights, groups, met, lamps, light_of_shape, choice }
+        Self { surfaces, materials, lights, groups, met, lamps, light_of_shape, choice, asks_by_chance }
     }
 
     /// The nearest surface that a ray of the camera meets.
