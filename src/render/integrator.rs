@@ -338,21 +338,26 @@ impl<'a> Integrator<'a> {
         factor: f32,
         sampler: &mut Sampler,
     ) -> Rgb {
-        let unshadowed = vertex.value(sample.direction) * sample.weight * factor;
-        if unshadowed.max_element() <= 0.0 {
-            return Vec3::ZERO;
-        }
-        unshadowed * self.transmittance_to(vertex, sample, target, sampler)
-    }
-
-    fn transmittance_to(&self, vertex: &Vertex, sample: &LightSample, target: usize, sampler: &mut Sampler) -> Rgb {
         let ray = Ray { origin: vertex.leave(sample.direction), direction: sample.direction };
+        // Deep in thick smoke the shadow is known to be full before anything else is asked.
+        let shadows = self.sun_shadows.towards(target);
+        let mut transmittance = Vec3::ONE;
+        if !shadows.is_empty() {
+            transmittance = self.media.transmittance(&ray, sample.distance, shadows, sampler.stream());
+            if transmittance == Vec3::ZERO {
+                return Vec3::ZERO;
+            }
+        }
+        let unshadowed = vertex.value(sample.direction) * sample.weight * factor;
         // Stop short of the light itself.
         let t_max = sample.distance * (1.0 - 1e-4);
-        if self.world.is_blocked(&ray, t_max, target) {
+        if unshadowed.max_element() <= 0.0 || self.world.is_blocked(&ray, t_max, target) {
             return Vec3::ZERO;
         }
-        self.media.transmittance(&ray, sample.distance, self.sun_shadows.towards(target), sampler.stream())
+        if shadows.is_empty() {
+            transmittance = self.media.transmittance(&ray, sample.distance, shadows, sampler.stream());
+        }
+        unshadowed * transmittance
     }
 }
 

@@ -22,8 +22,10 @@ const SPACING: f32 = 2.0;
 const POINTS_MAX: f32 = 16e6;
 /// Probability with which the exact transmittance is worked out where the lattice is flat.
 const LEAST_PROBABILITY: f32 = 1.0 / 128.0;
-/// The same over the range of the eight transmittances about a point.
-const PROBABILITY_PER_RANGE: f32 = 0.125;
+/// What is added to it for the range r of the eight transmittances about a point, times r and times r³: where r is small the
+/// lattice resolves what there is and errs little, where it is 1 a shadow's edge lies between its points.
+const PER_RANGE: f32 = 1.0 / 16.0;
+const PER_CUBED_RANGE: f32 = 1.0;
 /// Beyond half of this angular diameter [1 − cosine] directions to the sun differ by more than the lattice can say.
 const WIDEST: f32 = 1e-3;
 
@@ -143,7 +145,7 @@ impl SunShadow {
     #[inline]
     pub fn estimate_transmittance(&self, medium: &Medium, ray: &Ray, stream: &mut Stream) -> f32 {
         let (rough, range) = self.read(ray.origin);
-        let probability = LEAST_PROBABILITY + PROBABILITY_PER_RANGE * range;
+        let probability = (LEAST_PROBABILITY + (PER_RANGE + PER_CUBED_RANGE * range * range) * range).min(1.0);
         if stream.uniform() >= probability {
             return rough;
         }
