@@ -94,9 +94,9 @@ impl<'a> Integrator<'a> {
         counts.traced += 1;
         let mut chroma: Option<Chroma> = None;
         for bounce in 0.. {
-            let numbers = sampler.numbers(Dimension::Flight, bounce);
+            let numbers = sampler.numbers(Dimension::Event, bounce);
             if bounce == 0 {
-                chroma = self.media.tint().map(|ratios| Chroma::new(ratios, numbers[2]));
+                chroma = self.media.tint().map(|ratios| Chroma::new(ratios, sampler.numbers(Dimension::Hero, bounce)[0]));
             }
             let hit = match bounce {
                 0 => self.world.seen_by_camera(&ray),
@@ -105,7 +105,7 @@ impl<'a> Integrator<'a> {
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
             let light = self.world.nearest_light(&ray, surface_t, bounce == 0);
             let t_max = light.as_ref().map_or(surface_t, |met| met.t);
-            let (vertex, end) = self.fly(&ray, t_max, numbers[0], sampler, chroma.as_mut());
+            let (vertex, end) = self.fly(&ray, t_max, numbers[3], sampler, chroma.as_mut());
             // What light from here on counts.
             let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
             let nearby = self.nearby(&ray, t_max, bounce);
@@ -173,8 +173,7 @@ impl<'a> Integrator<'a> {
             if let Some(caught) = catcher.as_mut().filter(|_| bounce == 0) {
                 caught.add_unshadowed(carried * self.direct_light_unshadowed(&vertex, &asked, bounce, sampler));
             }
-            let u = sampler.numbers(Dimension::Direction, bounce);
-            let Some(scattering) = vertex.sample([u[0], u[1], u[2]]) else { return };
+            let Some(scattering) = vertex.sample([numbers[0], numbers[1], numbers[2]]) else { return };
             throughput *= scattering.weight;
             eta_sq *= scattering.eta_sq;
             let next = Ray { origin: vertex.leave(scattering.direction), direction: scattering.direction };
@@ -186,7 +185,7 @@ impl<'a> Integrator<'a> {
                 // Inside glass, throughput is small only because radiance is large there.
                 let survival = (carried * scattering.weight).max_element() * eta_sq / WORTH_FOLLOWING;
                 if survival < 1.0 {
-                    if numbers[1] >= survival {
+                    if sampler.stream().uniform() >= survival {
                         return;
                     }
                     throughput /= survival;

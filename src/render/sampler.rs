@@ -28,11 +28,11 @@ const PIXEL: u64 = 0x70_6978_656c;
 pub enum Dimension {
     /// Position on the film (two numbers) and on the lens (two numbers).
     Film,
-    /// Optical distance to the next collision (one number), roulette (one number), and at the camera the channel that decides
-    /// in smoke with a tint (one number).
-    Flight,
-    /// Direction after an event (two numbers), and which lobe (one number).
-    Direction,
+    /// Direction after an event (two numbers) and which lobe (one number), and the optical distance of the flight that led to
+    /// it (the fourth).
+    Event,
+    /// At the camera, the channel that decides in smoke with a tint (one number).
+    Hero,
     /// Choice of a light (one number) and of a point on it (two numbers).
     Light,
     /// Choice of a lamp near a flight (one number), of a distance (one number) and of a point on the lamp (two numbers).
@@ -162,10 +162,10 @@ impl Sampler {
         if bounce < STRATIFIED_BOUNCES {
             let set = match dimension {
                 Dimension::Film => 0,
-                Dimension::Flight => 1 + bounce * 3,
-                Dimension::Direction => 2 + bounce * 3,
+                Dimension::Hero => 1,
+                Dimension::Event => 2 + bounce * 3,
                 Dimension::Light => 3 + bounce * 3,
-                Dimension::Distance => 1 + STRATIFIED_BOUNCES * 3 + bounce,
+                Dimension::Distance => 4 + bounce * 3,
             };
             scrambled_point(self.points, self.index, Seed(self.square.word(u64::from(set))))
         } else {
@@ -229,7 +229,7 @@ mod tests {
         let integrands: [&dyn Fn([f32; 4]) -> f64; 2] = [&disk, &ramp];
         for spp in [1, 4, 16] {
             for (integrand, (dimension, bounce)) in
-                integrands.iter().flat_map(|f| [(f, (Dimension::Film, 0)), (f, (Dimension::Direction, 1))])
+                integrands.iter().flat_map(|f| [(f, (Dimension::Film, 0)), (f, (Dimension::Event, 1))])
             {
                 let mean = |samples: PixelSamples| {
                     let value = |i: u32| integrand(samples.sampler(i).numbers(dimension, bounce));
@@ -255,7 +255,7 @@ mod tests {
         assert_ne!(base, at(1, 0, Dimension::Film, 0));
         assert_ne!(base, at(0, 1, Dimension::Film, 0));
         assert_ne!(base, at(0, SEQUENCE, Dimension::Film, 0));
-        assert_ne!(at(0, 0, Dimension::Flight, 0), at(0, 0, Dimension::Flight, 1));
+        assert_ne!(at(0, 0, Dimension::Event, 0), at(0, 0, Dimension::Event, 1));
         assert_ne!(at(0, 0, Dimension::Light, 7), at(0, 1, Dimension::Light, 7));
     }
 }
