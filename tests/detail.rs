@@ -63,7 +63,8 @@ fn light_through_detail_is_as_quadrature_says() {
         let mut stream = Stream::new(Seed(5));
         let n = 20_000;
         let media = Media::from(Some(&medium));
-        let values: Vec<f64> = (0..n).map(|_| f64::from(media.transmittance(&beam, 10.0, &[], &mut stream).x)).collect();
+        let values: Vec<f64> =
+            (0..n).map(|_| f64::from(media.transmittance(&beam, 10.0, &[], &mut stream).x)).collect();
         let mean = values.iter().sum::<f64>() / f64::from(n);
         let error = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt() / f64::from(n);
         println!("extinction {extinction}: {mean} ± {error}, expected {}", (-tau).exp());

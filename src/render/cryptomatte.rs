@@ -42,11 +42,6 @@ impl Coverage {
         }
     }
 
-    /// Adds another, each of its paths counting `weight`.
-    pub fn add_all(&mut self, other: &Self, weight: f64) {
-        other.0.iter().for_each(|&(shape_idx, sum)| self.add(shape_idx, sum * weight));
-    }
-
     /// The numbers and shares of the shapes that cover most, of `count` paths; `ids` are the numbers of all shapes.
     pub fn ranked(&self, ids: &[u32], count: f64) -> [f32; 2 * RANKS] {
         let mut sorted = self.0.clone();

@@ -36,6 +36,11 @@ impl PixelBounds {
         self.y1 - self.y0
     }
 
+    /// Whether a pixel is one of them.
+    pub fn contains(&self, x: u32, y: u32) -> bool {
+        (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
+    }
+
     /// Pixels.
     pub fn area(&self) -> usize {
         self.width() as usize * self.height() as usize
@@ -224,29 +229,6 @@ impl PixelSum {
             (0..2).for_each(|i| self.shadow[i] += f64::from(shadow[i]));
         }
         self.layers.add(layers, path);
-    }
-
-    /// Two halves of a pixel, each counting half however many paths it has.
-    pub fn of_halves(a: &Self, b: &Self) -> Self {
-        let count = a.moments.count + b.moments.count;
-        let n = f64::from(count);
-        let variance = 0.25 * (a.moments.variance_in_double() + b.moments.variance_in_double());
-        let [na, nb] = [a, b].map(|half| f64::from(half.moments.count));
-        let mut coverage = Coverage::default();
-        coverage.add_all(&a.coverage, 0.5 * n / na);
-        coverage.add_all(&b.coverage, 0.5 * n / nb);
-        Self {
-            moments: Moments {
-                count,
-                mean: 0.5 * (a.moments.mean + b.moments.mean),
-                squares: variance * n * (n - 1.0),
-            },
-            alpha: 0.5 * n * (a.alpha / na + b.alpha / nb),
-            caught: 0.5 * n * (a.caught / na + b.caught / nb),
-            shadow: [0, 1].map(|i| 0.5 * n * (a.shadow[i] / na + b.shadow[i] / nb)),
-            coverage,
-            layers: LayerSums::of_halves([&a.layers, &b.layers], [0.5 * n / na, 0.5 * n / nb]),
-        }
     }
 
     /// Moments of the radiance.

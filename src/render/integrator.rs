@@ -96,7 +96,8 @@ impl<'a> Integrator<'a> {
         for bounce in 0.. {
             let numbers = sampler.numbers(Dimension::Event, bounce);
             if bounce == 0 {
-                chroma = self.media.tint().map(|ratios| Chroma::new(ratios, sampler.numbers(Dimension::Hero, bounce)[0]));
+                chroma =
+                    self.media.tint().map(|ratios| Chroma::new(ratios, sampler.numbers(Dimension::Hero, bounce)[0]));
             }
             let hit = match bounce {
                 0 => self.world.seen_by_camera(&ray),

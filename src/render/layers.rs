@@ -207,12 +207,6 @@ impl LayerSums {
         }
     }
 
-    /// Two sums added, each times its factor.
-    pub fn of_halves(sums: [&Self; 2], factors: [f64; 2]) -> Self {
-        let [a, b] = sums.map(|sum| sum.0.iter());
-        Self(a.zip(b).map(|(a, b)| *a * factors[0] + *b * factors[1]).collect())
-    }
-
     /// Means over `count` paths.
     pub fn means(&self, count: u32) -> impl Iterator<Item = Rgb> + '_ {
         let n = f64::from(count.max(1));

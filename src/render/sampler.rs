@@ -72,6 +72,11 @@ impl PixelSamples {
         }
     }
 
+    /// For the pixel in column `x` and row `y`, with a sequence of its own.
+    pub fn alone(seed: Seed, x: u32, y: u32) -> Self {
+        Self::new(seed, SEQUENCE, x, y)
+    }
+
     /// The numbers of one path.
     #[inline]
     pub fn sampler(&self, sample: u32) -> Sampler {
@@ -153,7 +158,7 @@ pub struct Sampler {
 impl Sampler {
     /// The numbers of sample `sample` of a pixel that shares no sequence with others.
     pub fn new(seed: Seed, x: u32, y: u32, sample: u32) -> Self {
-        PixelSamples::new(seed, SEQUENCE, x, y).sampler(sample)
+        PixelSamples::alone(seed, x, y).sampler(sample)
     }
 
     /// Four numbers in [0, 1) for a decision at bounce `bounce` (0 at the camera).
@@ -236,7 +241,7 @@ mod tests {
                     (0..spp).map(value).sum::<f64>() / f64::from(spp)
                 };
                 let shared = |x, y| mean(PixelSamples::new(Seed(2), spp, x, y));
-                let alone = |x: u32, y: u32| mean(PixelSamples::new(Seed(2), 1 << 16, x, y));
+                let alone = |x, y| mean(PixelSamples::alone(Seed(2), x, y));
                 let pixel = variance_of_squares(shared, 1);
                 // No worse by themselves …
                 assert!(pixel < 1.3 * variance_of_squares(alone, 1), "{spp} {dimension:?}");

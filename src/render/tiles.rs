@@ -4,7 +4,7 @@ use crate::math::hash::Seed;
 use crate::math::parallel;
 use crate::progress::Progress;
 use crate::render::RenderError;
-use crate::render::adaptive::{Adaptive, HALVES};
+use crate::render::adaptive::Adaptive;
 use crate::render::camera::Camera;
 use crate::render::film::{Contribution, Film, PathCounts, Pixel, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
 const TILE: u32 = 16;
+/// The same where paths go where they are needed: pixels round a tile are begun besides, an eighth of it.
+const ADAPTIVE_TILE: u32 = 32;
 
 /// Most samples between two looks at whether to stop: a pixel may have millions.
 const SAMPLES_A_LOOK: u32 = 256;
@@ -98,25 +100,33 @@ pub fn render_media(
     let sun_shadows = SunShadows::new(&world.lights, media.grids());
     let integrator = Integrator { world, media, sun_shadows, limits: view.limits };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
-    let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(TILE as usize).collect();
-    let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(TILE as usize).collect();
+    let edge = if view.adaptive.is_some() { ADAPTIVE_TILE } else { TILE };
+    let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(edge as usize).collect();
+    let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(edge as usize).collect();
     let tiles: Vec<PixelBounds> = rows
         .iter()
         .flat_map(|&y0| columns.iter().map(move |&x0| (x0, y0)))
         .map(|(x0, y0)| PixelBounds {
             x0,
             y0,
-            x1: (x0 + TILE).min(view.bounds.x1),
-            y1: (y0 + TILE).min(view.bounds.y1),
+            x1: (x0 + edge).min(view.bounds.x1),
+            y1: (y0 + edge).min(view.bounds.y1),
         })
         .collect();
-    let (finished, spp) = match view.time_limit {
-        None => {
-            let paint =
-                |_, tile: &PixelBounds| render_tile(tile, view, &traced, progress, |mut painter| painter.paint());
+    let (finished, spp) = match (view.time_limit, &view.adaptive) {
+        (Some(limit), _) => render_in_passes(&tiles, view, &traced, progress, limit)?,
+        (None, Some(adaptive)) => {
+            let paint = |_, tile: &PixelBounds| render_adaptively(tile, view, &traced, progress, adaptive);
             (parallel::try_map(&tiles, paint)?, view.spp)
         }
-        Some(limit) => render_in_passes(&tiles, view, &traced, progress, limit)?,
+        (None, None) => {
+            let paint = |_, tile: &PixelBounds| {
+                render_tile(tile, view, &traced, progress, |mut painter| {
+                    painter.paint(PixelSum::new(&view.layers), 0..view.spp)
+                })
+            };
+            (parallel::try_map(&tiles, paint)?, view.spp)
+        }
     };
     Ok(Film { spp, ..assemble(view, &tiles, &finished) })
 }
@@ -162,6 +172,51 @@ fn render_in_passes(
     Ok((tiles, done))
 }
 
+/// Begins all pixels of a tile and those round it, and goes on with each of the tile as far as its neighbours say.
+fn render_adaptively(
+    bounds: &PixelBounds,
+    view: &View,
+    traced: &Traced,
+    progress: &dyn Progress,
+    adaptive: &Adaptive,
+) -> Result<Tile, RenderError> {
+    // Of the whole picture, so that a part of it comes out as it is there.
+    let [width, height] = view.resolution;
+    let outer = PixelBounds {
+        x0: bounds.x0.saturating_sub(1),
+        y0: bounds.y0.saturating_sub(1),
+        x1: (bounds.x1 + 1).min(width),
+        y1: (bounds.y1 + 1).min(height),
+    };
+    let mut counts = PathCounts::default();
+    let (mut begun, mut needed) = (Vec::new(), Vec::with_capacity(outer.area()));
+    for y in outer.y0..outer.y1 {
+        for x in outer.x0..outer.x1 {
+            let mut sum = PixelSum::new(&view.layers);
+            let mut painter = PixelPainter::new([x, y], view, traced, progress, &mut counts);
+            painter.tells = false;
+            painter.add(&mut sum, view.seed, 0..adaptive.min_spp)?;
+            needed.push(adaptive.needed(&sum));
+            if bounds.contains(x, y) {
+                begun.push(sum);
+            }
+        }
+    }
+    let mut begun = begun.into_iter();
+    let tile = render_tile(bounds, view, traced, progress, |mut painter| {
+        let (x, y) = (painter.x, painter.y);
+        let around = (-1i32..=1).flat_map(|dy| (-1i32..=1).map(move |dx| (dx, dy))).filter(|&step| step != (0, 0));
+        let around = around.map(|(dx, dy)| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)));
+        let around = around.filter(|&(x, y)| outer.contains(x, y));
+        let mut needed: Vec<f32> =
+            around.map(|(x, y)| needed[((y - outer.y0) * outer.width() + x - outer.x0) as usize]).collect();
+        let begun = begun.next().expect("one for each pixel");
+        painter.paint(begun, adaptive.min_spp..adaptive.paths(view.spp, &mut needed))
+    })?;
+    counts.add(&tile.counts);
+    Ok(Tile { counts, ..tile })
+}
+
 fn render_tile(
     bounds: &PixelBounds,
     view: &View,
@@ -198,8 +253,9 @@ struct PixelPainter<'a> {
     traced: &'a Traced<'a>,
     progress: &'a dyn Progress,
     counts: &'a mut PathCounts,
-    /// Paths that `progress` was not told of yet.
+    /// Paths that `progress` was not told of yet, and whether it is told of any.
     unsaid: u32,
+    tells: bool,
     looked_at_bounce: u64,
     /// The path at hand; kept, as it is large.
     contribution: Contribution,
@@ -215,24 +271,14 @@ impl<'a> PixelPainter<'a> {
     ) -> Self {
         let looked_at_bounce = counts.bounces;
         let contribution = Contribution::new(view.layers.iter().any(Layer::tells_ways));
-        Self { x, y, view, traced, progress, counts, unsaid: 0, looked_at_bounce, contribution }
+        Self { x, y, view, traced, progress, counts, unsaid: 0, tells: true, looked_at_bounce, contribution }
     }
 
-    fn paint(&mut self) -> Result<PixelSum, RenderError> {
+    /// Traces these paths; of the pixel no more will follow.
+    fn paint(&mut self, mut sum: PixelSum, samples: Range<u32>) -> Result<PixelSum, RenderError> {
         self.look()?;
         let before = self.counts.traced;
-        let sum = match &self.view.adaptive {
-            None => {
-                let mut sum = PixelSum::new(&self.view.layers);
-                self.add(&mut sum, self.view.seed, 0..self.view.spp)?;
-                sum
-            }
-            Some(adaptive) => {
-                let seeds = HALVES.map(|key| self.view.seed.derive(key));
-                adaptive
-                    .paint(self.view.spp, &self.view.layers, |half, sum, samples| self.add(sum, seeds[half], samples))?
-            }
-        };
+        self.add(&mut sum, self.view.seed, samples)?;
         // Paths that were not needed are done too.
         self.unsaid += u64::from(self.view.spp).saturating_sub(self.counts.traced - before) as u32;
         self.progress.advance(u64::from(self.unsaid));
@@ -241,7 +287,9 @@ impl<'a> PixelPainter<'a> {
 
     /// Says how far it is, and asks whether to stop.
     fn look(&mut self) -> Result<(), RenderError> {
-        self.progress.advance(u64::from(self.unsaid));
+        if self.tells {
+            self.progress.advance(u64::from(self.unsaid));
+        }
         self.unsaid = 0;
         self.looked_at_bounce = self.counts.bounces;
         if self.progress.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
@@ -249,9 +297,10 @@ impl<'a> PixelPainter<'a> {
 
     fn add(&mut self, sum: &mut PixelSum, seed: Seed, samples: Range<u32>) -> Result<(), RenderError> {
         let (x, y, view) = (self.x, self.y, self.view);
-        // Each half of an adaptive pixel has a sequence of its own.
-        let most = if view.adaptive.is_some() { view.spp.div_ceil(2) } else { view.spp };
-        let pixel = PixelSamples::new(seed, most, x, y);
+        let pixel = match view.adaptive {
+            Some(_) => PixelSamples::alone(seed, x, y),
+            None => PixelSamples::new(seed, view.spp, x, y),
+        };
         for sample in samples {
             if self.unsaid >= SAMPLES_A_LOOK || self.counts.bounces - self.looked_at_bounce >= BOUNCES_A_LOOK {
                 self.look()?;
