@@ -2,7 +2,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use curlsmoke::grid::DensityGrid;
-use curlsmoke::grid::majorant::{MajorantGrid, MajorantIterator};
+use curlsmoke::grid::majorant::{CellEdge, MajorantGrid, MajorantIterator};
 use curlsmoke::grid::soft::ObstacleDistance;
 use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
 use curlsmoke::math::hash::{CounterRng, Seed};
@@ -60,7 +60,7 @@ fn lookup(c: &mut Criterion) {
 
 fn majorant(c: &mut Criterion) {
     let grid = wisps();
-    let majorants = MajorantGrid::new(&grid);
+    let majorants = MajorantGrid::new(&grid, CellEdge::Four);
     let rays = rays(4096);
     let walk = |(o, d): &(WorldPoint, UnitVec3)| MajorantIterator::new(&majorants, *o, *d, 0.0, f32::INFINITY);
     let segments: usize = rays.iter().map(|r| walk(r).count()).sum();
@@ -74,7 +74,7 @@ fn majorant(c: &mut Criterion) {
         b.iter(|| rays.iter().flat_map(walk).map(|s| (s.t1 - s.t0) * s.density_max).sum::<f32>())
     });
     group.throughput(Throughput::Elements(u64::from(VOXELS).pow(3)));
-    group.sample_size(20).bench_function("build", |b| b.iter(|| MajorantGrid::new(black_box(&grid))));
+    group.sample_size(20).bench_function("build", |b| b.iter(|| MajorantGrid::new(black_box(&grid), CellEdge::Four)));
 }
 
 /// Balls that a tenth of the particles are near.

@@ -29,6 +29,27 @@ impl IndexRay {
     }
 }
 
+/// The eight samples at the corners of a cube, between which the density is interpolated.
+#[derive(Debug, Clone, Copy)]
+pub struct Samples {
+    /// Of the lower and of the upper z: x first, then y.
+    near: Vec4,
+    far: Vec4,
+    /// Index coordinates of the low corner.
+    low: Vec3,
+}
+
+impl Samples {
+    /// The trilinear density at a point of the cube; beyond it, what the same polynomial says.
+    #[inline]
+    pub fn density(&self, p: IndexPoint) -> f32 {
+        let at = p.0 - self.low;
+        let rows = self.near + (self.far - self.near) * at.z;
+        let (low, high) = (rows.x + (rows.z - rows.x) * at.y, rows.y + (rows.w - rows.y) * at.y);
+        low + (high - low) * at.x
+    }
+}
+
 impl DensityGrid {
     /// Index coordinates of a world point. They are counted from the low corner of the stored bricks, not from
     /// [`DensityGrid::origin`], so that they are small and not negative wherever there is density.
@@ -57,27 +78,30 @@ impl DensityGrid {
     /// The trilinear density at `p`; 0 outside and where `p` is not a number.
     #[inline]
     pub fn density_at(&self, p: IndexPoint) -> f32 {
+        self.samples_round(p).map_or(0.0, |samples| samples.density(p))
+    }
+
+    /// The eight samples from which the density is interpolated at `p`; `None` outside.
+    #[inline]
+    pub fn samples_round(&self, p: IndexPoint) -> Option<Samples> {
         let p = p.0;
         if !(p.cmpge(Vec3::ZERO).all() && p.cmplt(self.extent).all()) {
-            return 0.0;
+            return None;
         }
         // Not negative, so truncation is the floor.
         let cell = [p.x as i32 as usize, p.y as i32 as usize, p.z as i32 as usize];
         let dims = self.directory.dims();
         let place = ((cell[2] >> 3) * dims.y as usize + (cell[1] >> 3)) * dims.x as usize + (cell[0] >> 3);
-        let Some(&brick_idx) = self.directory.values().get(place) else { return 0.0 };
-        let Some(brick) = self.bricks.get(brick_idx as usize) else { return 0.0 };
-        let (u, v, w) = (p.x - cell[0] as i32 as f32, p.y - cell[1] as i32 as f32, p.z - cell[2] as i32 as f32);
+        let brick_idx = *self.directory.values().get(place)?;
+        let brick = self.bricks.get(brick_idx as usize)?;
         let at = ((cell[2] & 7) * STORED_EDGE + (cell[1] & 7)) * STORED_EDGE + (cell[0] & 7);
         const ROW: usize = STORED_EDGE;
         const LAYER: usize = STORED_EDGE * STORED_EDGE;
         // One check for all eight.
-        let Some(corners) = brick[at.min(brick.len())..].first_chunk::<{ LAYER + ROW + 2 }>() else { return 0.0 };
+        let corners = brick[at.min(brick.len())..].first_chunk::<{ LAYER + ROW + 2 }>()?;
         let face = |o: usize| Vec4::new(corners[o], corners[o + 1], corners[o + ROW], corners[o + ROW + 1]);
-        let (near, far) = (face(0), face(LAYER));
-        let rows = near + (far - near) * w;
-        let (low, high) = (rows.x + (rows.z - rows.x) * v, rows.y + (rows.w - rows.y) * v);
-        low + (high - low) * u
+        let low = Vec3::new(cell[0] as i32 as f32, cell[1] as i32 as f32, cell[2] as i32 as f32);
+        Some(Samples { near: face(0), far: face(LAYER), low })
     }
 
     /// The density of one of the eight voxels that [`DensityGrid::density_at`] interpolates, each taken with the probability

@@ -11,10 +11,38 @@ use crate::math::parallel;
 use crate::math::space::{UnitVec3, WorldPoint};
 use glam::{UVec3, Vec3, Vec3A};
 
-/// Voxels along the edge of a cell of the majorant: smaller cells bound more tightly, larger ones take fewer steps.
-pub const CELL_EDGE: usize = 4;
+/// Voxels along the edge of a cell of the majorant.
+///
+/// Smaller cells bound more tightly, larger ones take fewer steps: which is better depends on how many collisions there
+/// are in a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellEdge {
+    /// Half of a brick.
+    Four = 4,
+    /// A brick.
+    Eight = 8,
+}
 
-const CELLS_PER_BRICK: usize = BRICK_EDGE / CELL_EDGE;
+impl CellEdge {
+    /// That with which light is fastest in smoke whose voxels have an optical depth of at most `voxel_tau`.
+    pub fn for_light(voxel_tau: f32) -> Self {
+        if voxel_tau > THICK_VOXEL { Self::Four } else { Self::Eight }
+    }
+
+    fn voxels(self) -> usize {
+        self as usize
+    }
+
+    fn cells_per_brick(self) -> u32 {
+        (BRICK_EDGE / self.voxels()) as u32
+    }
+}
+
+/// Optical depth of a voxel from which smaller cells are faster. In plumes of 0.02 and 0.3 cells of eight save 14 and 6 % of the
+/// time that cells of four take; at 1.2, 3 and 6 they take 3, 5 and 11 % longer, at 16 twice as long. Cells of two are never
+/// faster.
+const THICK_VOXEL: f32 = 0.7;
+
 /// A point computed from origin, direction and `t` can lie outside its segment's cell by rounding; bounds hold this far
 /// outside [voxels].
 const SLACK: f32 = 1.0 / 1024.0;
@@ -48,10 +76,9 @@ pub struct Segment {
 }
 
 impl MajorantGrid {
-    /// Bounds for all of `grid`.
-    pub fn new(grid: &DensityGrid) -> Self {
-        let dims = grid.directory.dims() * CELLS_PER_BRICK as u32;
-        let mut cells = cell_maxima(grid, dims);
+    /// Bounds for all of `grid`, on cells of so many voxels.
+    pub fn new(grid: &DensityGrid, edge: CellEdge) -> Self {
+        let mut cells = cell_maxima(grid, edge);
         let bounds = bounds_of_occupied(&cells);
         let occupied = cells.values_mut().iter_mut().filter(|cell| **cell > 0.0);
         occupied.zip(bounds).for_each(|(cell, bound)| *cell = bound);
@@ -60,7 +87,7 @@ impl MajorantGrid {
         Self {
             cells,
             index_origin: grid.corner + 0.5 * grid.voxel_size,
-            inverse_cell_size: grid.inverse_voxel_size / CELL_EDGE as f32,
+            inverse_cell_size: grid.inverse_voxel_size / edge.voxels() as f32,
             max_density,
         }
     }
@@ -77,16 +104,18 @@ impl MajorantGrid {
 }
 
 /// Maximum of the samples that any point of a cell interpolates from: its own and the first layer beyond.
-fn cell_maxima(grid: &DensityGrid, dims: UVec3) -> Lattice<f32> {
+fn cell_maxima(grid: &DensityGrid, edge: CellEdge) -> Lattice<f32> {
+    let per_brick = edge.cells_per_brick();
+    let dims = grid.directory.dims() * per_brick;
     let mut maxima = Lattice::filled(dims, 0.0);
     parallel::for_each_mut(maxima.values_mut(), |i, maximum| {
         let (x, rest) = (i as u32 % dims.x, i as u32 / dims.x);
         let cell = UVec3::new(x, rest % dims.y, rest / dims.y);
-        let brick_idx = grid.directory.at(cell / CELLS_PER_BRICK as u32);
+        let brick_idx = grid.directory.at(cell / per_brick);
         if brick_idx > 0 {
             let brick = &grid.bricks[brick_idx as usize];
-            let low = cell % CELLS_PER_BRICK as u32 * CELL_EDGE as u32;
-            let samples = box_points(UVec3::splat(CELL_EDGE as u32 + 1)).map(|p| brick[stored_offset(low + p)]);
+            let low = cell % per_brick * edge.voxels() as u32;
+            let samples = box_points(UVec3::splat(edge.voxels() as u32 + 1)).map(|p| brick[stored_offset(low + p)]);
             *maximum = samples.fold(0.0, f32::max);
         }
     });

@@ -37,8 +37,12 @@ pub fn cross(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2], tau_left: f64
 
 /// The values of a grid on the piece of the ray between distances `t0` and `t1` [m], added up along it [value · m].
 pub fn column(grid: &DensityGrid, line: &IndexRay, [t0, t1]: [f64; 2]) -> f64 {
-    let density = |t: f64| f64::from(grid.density_at(line.at(t as f32)));
-    VoxelWalk::new(line, t0, t1).map(|[a, b]| integral(density, a, b)).sum()
+    let of_piece = |[a, b]: [f64; 2]| {
+        // Both points of the rule lie between the same eight samples.
+        let samples = grid.samples_round(line.at((0.5 * (a + b)) as f32))?;
+        Some(integral(|t| f64::from(samples.density(line.at(t as f32))), a, b))
+    };
+    VoxelWalk::new(line, t0, t1).filter_map(of_piece).sum()
 }
 
 /// What smoke does to the view along a ray.

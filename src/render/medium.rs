@@ -3,7 +3,7 @@
 use crate::geometry::embree::Ray;
 use crate::grid::DensityGrid;
 use crate::grid::lookup::IndexRay;
-use crate::grid::majorant::{MajorantGrid, MajorantIterator};
+use crate::grid::majorant::{CellEdge, MajorantGrid, MajorantIterator};
 use crate::math::space::IndexPoint;
 use crate::render::color::Rgb;
 use crate::render::detail::Detail;
@@ -50,7 +50,8 @@ pub struct Medium {
 impl Medium {
     /// Smoke with `sigma_t = extinction · density` [1/m], without a tint, which gives off no light.
     pub fn new(grid: DensityGrid, extinction: f32, albedo: Rgb, phase: Phase) -> Self {
-        let majorants = MajorantGrid::new(&grid);
+        let voxel_tau = extinction * grid.max_density() * grid.voxel_size();
+        let majorants = MajorantGrid::new(&grid, CellEdge::for_light(voxel_tau));
         Self {
             grid,
             majorants,

@@ -56,7 +56,7 @@ use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
 use crate::grid::DensityGrid;
-use crate::grid::majorant::MajorantGrid;
+use crate::grid::majorant::{CellEdge, MajorantGrid};
 use crate::math::hash::Seed;
 use crate::render::adaptive::Adaptive;
 use crate::render::camera::{Camera, Lens};
@@ -286,7 +286,7 @@ pub fn kindle(medium: &mut Medium, glow: [DensityGrid; 3], is_unbound: bool) -> 
     if f64::from(light) > SIGMA_MAX {
         return Err(RenderError::TooHot { light });
     }
-    medium.glow_majorants = is_unbound.then(|| glow.each_ref().map(MajorantGrid::new));
+    medium.glow_majorants = is_unbound.then(|| glow.each_ref().map(|grid| MajorantGrid::new(grid, CellEdge::Four)));
     medium.glow = Some(glow);
     Ok(())
 }
