@@ -147,7 +147,11 @@ fn walks_end_at_once_on_nonsense_and_on_empty_grids() {
     let full = DensityGrid::from_fn(WorldPoint::default(), 1.0, UVec3::splat(9), LIMIT, |_| 1.0).expect("small");
     let none = DensityGrid::from_fn(WorldPoint::default(), 1.0, UVec3::splat(9), LIMIT, |_| 0.0).expect("small");
     let inside = WorldPoint::new(4.0, 4.0, 4.0);
-    assert_eq!(MajorantIterator::new(&MajorantGrid::new(&none, CellEdge::Four), inside, UnitVec3::Y, 0.0, f32::INFINITY).count(), 0);
+    assert_eq!(
+        MajorantIterator::new(&MajorantGrid::new(&none, CellEdge::Four), inside, UnitVec3::Y, 0.0, f32::INFINITY)
+            .count(),
+        0
+    );
     let majorants = MajorantGrid::new(&full, CellEdge::Four);
     for t_max in [0.0, -1.0, f32::NAN] {
         assert_eq!(MajorantIterator::new(&majorants, inside, UnitVec3::Y, 0.0, t_max).count(), 0);
