@@ -2,7 +2,7 @@
 //! before the first run cancels. What happens only in a first run does too.
 
 use crate::record::{Record, rounded};
-use crate::workload::{KERNELS, Kernel, Role};
+use crate::workload::{Kernel, Role};
 use crate::{chosen, compare, machine};
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -10,7 +10,7 @@ use std::process::Command;
 
 /// Runs of a kernel in the two processes.
 const FEW: u64 = 1;
-const MANY: u64 = 3;
+const MANY: u64 = 2;
 
 /// Events of one run, by callgrind's names, and how many operations a run has.
 pub struct Events {
@@ -102,7 +102,12 @@ pub fn instructions(filter: Option<&str>, is_recording: bool) -> Result<bool, Bo
         let verdict = if is_more { "  MORE" } else { "" };
         println!("{:<34}{:>14}{:>14}{ratio:>10}{verdict}", kernel.name, columns[0], columns[1]);
         match figure {
-            Some(figure) if is_recording => figure.instructions = Some(now),
+            Some(figure) if is_recording => {
+                figure.instructions = Some(now);
+                record.counted_by = Some(format!("{version} on {}", machine::processor()));
+                // At once: all of them take minutes.
+                compare::write(&record)?;
+            }
             None if is_recording => {
                 return Err(format!("no time of `{}` is recorded yet: `make bench RECORD=1` first", kernel.name).into());
             }
@@ -110,9 +115,7 @@ pub fn instructions(filter: Option<&str>, is_recording: bool) -> Result<bool, Bo
         }
     }
     if is_recording {
-        record.kernels.retain(|name, _| KERNELS.iter().any(|k| k.name == name));
-        record.counted_by = Some(format!("{version} on {}", machine::processor()));
-        compare::write(&record)?;
+        println!("recorded in {}", compare::file().display());
         return Ok(true);
     }
     Ok(more == 0)

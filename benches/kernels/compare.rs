@@ -31,7 +31,6 @@ pub fn read() -> Result<Record, Box<dyn Error>> {
 /// Writes what is recorded.
 pub fn write(record: &Record) -> Result<(), Box<dyn Error>> {
     curlsmoke::output::file::write_atomic(&file(), record.to_text().as_bytes())?;
-    println!("recorded in {}", file().display());
     Ok(())
 }
 
@@ -83,6 +82,7 @@ pub fn compare(filter: Option<&str>, is_recording: bool) -> Result<bool, Box<dyn
             record.kernels.insert(name, figure);
         }
         write(&record)?;
+        println!("\nrecorded in {}", file().display());
         return Ok(true);
     }
     println!("\n{slower} slower; limits: docs/performance.md, \"Benches\"");

@@ -18,7 +18,7 @@ const SECONDS: f64 = 1.0;
 /// Processors that other programs may keep busy in a pair that counts as undisturbed.
 const QUIET: f64 = 0.1;
 /// How long to wait for other programs to rest, for each kernel, before it is measured beside them [s].
-const PATIENCE: f64 = 300.0;
+const PATIENCE: f64 = 120.0;
 
 /// Prints the section, and writes it into docs/performance.md where wanted.
 pub fn scaling(is_recording: bool) -> Result<(), Box<dyn Error>> {

@@ -29,11 +29,12 @@ pub fn exr() -> Workload {
     })
 }
 
-/// All of a small frame but its file.
+/// All of a small frame but its file; small enough for callgrind, with about as much light as particles.
 pub fn frame() -> Workload {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(SCENE);
-    let overrides = [("film.spp".to_string(), "16".to_string())];
-    let scene = Scene::load_with(&path, &overrides).expect("a scene of the tests");
+    let changes = [("film.resolution", "[48, 27]"), ("film.spp", "16"), ("smoke.emitters[0].rate", "2000")];
+    let changes = changes.map(|(key, value)| (key.to_string(), value.to_string()));
+    let scene = Scene::load_with(&path, &changes).expect("a scene of the tests");
     let first = scene.settings.frames.first;
     Workload::new(1, move || {
         black_box(film(&scene, first, None, &Silent).expect("nobody cancels it"));
