@@ -44,12 +44,23 @@ impl Watch {
         Self { start: Instant::now(), busy: busy_seconds(), own: process_seconds() }
     }
 
-    /// Time that passed [s], and processors that other programs kept busy meanwhile; NaN where the system does not tell.
-    pub fn stop(&self) -> (f64, f64) {
-        let seconds = self.start.elapsed().as_secs_f64();
+    /// What happened since then.
+    pub fn stop(&self) -> Elapsed {
+        let (seconds, own) = (self.start.elapsed().as_secs_f64(), process_seconds() - self.own);
         let busy = self.busy.zip(busy_seconds()).map_or(f64::NAN, |(before, after)| after - before);
-        (seconds, (busy - (process_seconds() - self.own)) / seconds)
+        Elapsed { seconds, own, others: (busy - own) / seconds }
     }
+}
+
+/// What happened in a while.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Elapsed {
+    /// Time that passed [s].
+    pub seconds: f64,
+    /// Processor time of all threads of this program [s].
+    pub own: f64,
+    /// Processors that other programs kept busy; NaN where the system does not tell.
+    pub others: f64,
 }
 
 /// What all processors together did for anybody since the machine began, and what was taken from it [s].

@@ -52,7 +52,10 @@ enum Task {
     /// What bounds the tracing of light on this machine.
     Roofline,
     /// Two threads beside one.
-    Scaling,
+    Scaling {
+        /// Only kernels with this in their name.
+        filter: Option<String>,
+    },
     /// Cost of each kernel in this process alone, as JSON.
     Time {
         /// Only kernels with this in their name.
@@ -95,7 +98,7 @@ fn run(args: &Args) -> Result<bool, Box<dyn Error>> {
         Some(Task::Compare { filter }) => return compare::compare(filter.as_deref(), args.record),
         Some(Task::Instructions { filter }) => return callgrind::instructions(filter.as_deref(), args.record),
         Some(Task::Roofline) => roofline::roofline(args.record)?,
-        Some(Task::Scaling) => scaling::scaling(args.record)?,
+        Some(Task::Scaling { filter }) => scaling::scaling(filter.as_deref(), args.record)?,
         Some(Task::Time { filter }) => println!("{}", serde_json::to_string(&compare::time(filter.as_deref()))?),
         Some(Task::Wall { kernel, threads }) => println!("{}", scaling::wall(kernel, *threads)?),
         Some(Task::Run { kernel, runs }) => {

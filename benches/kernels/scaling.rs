@@ -1,6 +1,6 @@
 //! How much faster two threads are than one, in turns.
 
-use crate::machine::Watch;
+use crate::machine::{Elapsed, Watch};
 use crate::measure::{median, quantile};
 use crate::workload::{PICTURE, kernel};
 use crate::{machine, section};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// What is made to scale.
 const KERNELS: [&str; 4] = [PICTURE, "frame", "midpoint step", "splat"];
 /// Pairs of one thread and two that are wanted, the one first and the other first in turns.
-const PAIRS: usize = 15;
+const PAIRS: usize = 9;
 /// Least time of a measurement with one thread [s].
 const SECONDS: f64 = 1.0;
 /// Processors that other programs may keep busy in a pair that counts as undisturbed.
@@ -20,16 +20,20 @@ const QUIET: f64 = 0.1;
 /// How long to wait for other programs to rest, for each kernel, before it is measured beside them [s].
 const PATIENCE: f64 = 120.0;
 
-/// Prints the section, and writes it into docs/performance.md where wanted.
-pub fn scaling(is_recording: bool) -> Result<(), Box<dyn Error>> {
+/// Prints the section, and writes it into docs/performance.md where wanted; of kernels whose name holds `filter`.
+pub fn scaling(filter: Option<&str>, is_recording: bool) -> Result<(), Box<dyn Error>> {
+    if is_recording && filter.is_some() {
+        return Err("the section is written as a whole: leave out the filter".into());
+    }
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pools = [pool(1)?, pool(2)?];
-    let mut text = format!("Measured on {}.\n\n", machine::processor());
+    let mut text = format!("Measured on {}; medians and quartiles of pairs.\n\n", machine::processor());
     writeln!(
         text,
-        "| | two threads over one: median, quartiles | pairs | while others kept busy |\n|---|---|---|---|"
+        "| | two threads over one | processor time of two over that of one | pairs | while others kept busy |"
     )?;
-    for name in KERNELS {
+    writeln!(text, "|---|---|---|---|---|")?;
+    for name in KERNELS.into_iter().filter(|name| filter.is_none_or(|f| name.contains(f))) {
         let (quiet, disturbed): (Vec<Pair>, Vec<Pair>) =
             pairs(name, &pools)?.into_iter().partition(|p| p.others < QUIET);
         for (pairs, is_quiet) in [(quiet, true), (disturbed, false)] {
@@ -40,9 +44,13 @@ pub fn scaling(is_recording: bool) -> Result<(), Box<dyn Error>> {
                 true => format!("less than {QUIET} processors"),
                 false => format!("{:.1} processors", median(&mut pairs.iter().map(|p| p.others).collect::<Vec<_>>())),
             };
-            let mut ratios: Vec<f64> = pairs.iter().map(|p| p.speedup).collect();
-            let [low, middle, high] = [0.25, 0.5, 0.75].map(|q| quantile(&mut ratios, q));
-            writeln!(text, "| {name} | {middle:.2}, {low:.2} to {high:.2} | {} | {others} |", pairs.len())?;
+            let spread = |of: fn(&Pair) -> f64| {
+                let mut values: Vec<f64> = pairs.iter().map(of).collect();
+                let [low, middle, high] = [0.25, 0.5, 0.75].map(|q| quantile(&mut values, q));
+                format!("{middle:.2}, {low:.2} to {high:.2}")
+            };
+            let (speedup, work) = (spread(|p| p.speedup), spread(|p| p.work));
+            writeln!(text, "| {name} | {speedup} | {work} | {} | {others} |", pairs.len())?;
         }
         eprintln!("{name} done");
     }
@@ -55,7 +63,10 @@ pub fn scaling(is_recording: bool) -> Result<(), Box<dyn Error>> {
 
 /// One thread and two, right after each other.
 struct Pair {
+    /// Time of one over that of two.
     speedup: f64,
+    /// Processor time of two over that of one: what threads cost each other. Other programs leave it as it is, nearly.
+    work: f64,
     /// Processors that other programs kept busy meanwhile.
     others: f64,
 }
@@ -68,7 +79,7 @@ fn pairs(name: &str, pools: &[ThreadPool; 2]) -> Result<Vec<Pair>, Box<dyn Error
         watch.stop()
     };
     time(&pools[1], 1);
-    let runs = (SECONDS / time(&pools[0], 1).0).ceil().max(1.0) as usize;
+    let runs = (SECONDS / time(&pools[0], 1).seconds).ceil().max(1.0) as usize;
     let (start, mut pairs): (Instant, Vec<Pair>) = (Instant::now(), Vec::new());
     loop {
         let is_late = start.elapsed().as_secs_f64() > PATIENCE;
@@ -79,13 +90,15 @@ fn pairs(name: &str, pools: &[ThreadPool; 2]) -> Result<Vec<Pair>, Box<dyn Error
         if !is_late && others_now() >= QUIET {
             continue;
         }
-        let mut both = [(0.0, 0.0); 2];
+        let mut both = [Elapsed::default(); 2];
         // The one that comes first changes: the clock may fall as the processor warms.
         let first = pairs.len() % 2;
         for turn in [first, 1 - first] {
             both[turn] = time(&pools[turn], runs);
         }
-        pairs.push(Pair { speedup: both[0].0 / both[1].0, others: both[0].1.max(both[1].1) });
+        let [one, two] = both;
+        let (speedup, work) = (one.seconds / two.seconds, two.own / one.own);
+        pairs.push(Pair { speedup, work, others: one.others.max(two.others) });
     }
 }
 
@@ -93,7 +106,7 @@ fn pairs(name: &str, pools: &[ThreadPool; 2]) -> Result<Vec<Pair>, Box<dyn Error
 fn others_now() -> f64 {
     let watch = Watch::start();
     std::thread::sleep(Duration::from_millis(500));
-    watch.stop().1
+    watch.stop().others
 }
 
 /// Time of an operation on that many threads, as the clock on the wall says: the median of a second [ns].
