@@ -25,11 +25,11 @@ use std::hint::black_box;
 
 const RAYS: u32 = 4096;
 /// Extinction of density 1 [1/m].
-pub const EXTINCTION: f32 = 20.0;
-/// Extinction at which next to no light is lost on a ray, so that no roulette ends any and the walk is all there is [1/m].
+const EXTINCTION: f32 = 20.0;
+/// Extinction at which there is next to no null collision in [`spikes`], so that the walk is all there is [1/m].
 pub const THIN: f32 = 0.01;
-/// Extinction at which roulette ends next to none yet [1/m].
-pub const THICK: f32 = 1.5;
+/// Extinction at which there are some ten null collisions on a ray [1/m].
+pub const THICK: f32 = 5.0;
 /// Most scatterings of a path, which none comes near.
 pub const MAX_BOUNCES: u32 = 64;
 
@@ -44,8 +44,17 @@ pub fn smoke() -> DensityGrid {
     DensityGrid::from_dense(WorldPoint::new(-1.0, -1.0, -1.0), 1.0 / 64.0, &values, 1 << 30).expect("within the limit")
 }
 
-fn medium(extinction: f32) -> Medium {
-    Medium::new(smoke(), extinction, Vec3::splat(0.9), Phase::HenyeyGreenstein { g: 0.3 })
+/// One voxel in 64 is full and all bounds are, so that next to all collisions are null, weigh nearly 1 and are followed by more:
+/// in other smoke roulette soon ends what they make dim, and takes its walk along.
+fn spikes() -> DensityGrid {
+    let is_spike = |p: Vec3| ((p + 1.0) * 32.0).as_uvec3() % 4 == UVec3::ONE;
+    let density = |p: WorldPoint| f32::from(u8::from(is_spike(p.0)));
+    let corner = WorldPoint::new(-1.0, -1.0, -1.0);
+    DensityGrid::from_fn(corner, 1.0 / 32.0, UVec3::splat(64), 1 << 30, density).expect("within the limit")
+}
+
+fn medium() -> Medium {
+    Medium::new(smoke(), EXTINCTION, Vec3::splat(0.9), Phase::HenyeyGreenstein { g: 0.3 })
 }
 
 /// From a camera before the cube to anywhere in it.
@@ -62,7 +71,7 @@ fn ray(i: u32) -> Ray {
 
 /// Free flights.
 pub fn collisions() -> Workload {
-    let (medium, rays) = (medium(EXTINCTION), rays());
+    let (medium, rays) = (medium(), rays());
     Workload::new(rays.len(), move || {
         for (i, ray) in rays.iter().enumerate() {
             let mut stream = Stream::new(Seed(1).derive(i as u64));
@@ -83,16 +92,17 @@ fn transmit(medium: &Medium, rays: &[Ray]) -> u64 {
 }
 
 /// Connections to a light beyond the smoke.
-pub fn transmittances(extinction: f32) -> Workload {
-    let (medium, rays) = (medium(extinction), rays());
+pub fn transmittances() -> Workload {
+    let (medium, rays) = (medium(), rays());
     Workload::new(rays.len(), move || {
         transmit(&medium, &rays);
     })
 }
 
-/// As [`transmittances`]; an operation is a null collision.
+/// Connections through [`spikes`]; an operation is a null collision.
 pub fn null_collisions(extinction: f32) -> Workload {
-    let (medium, rays) = (medium(extinction), rays());
+    let medium = Medium::new(spikes(), extinction, Vec3::ONE, Phase::HenyeyGreenstein { g: 0.0 });
+    let rays = rays();
     let operations = transmit(&medium, &rays);
     Workload::new(operations as usize, move || {
         transmit(&medium, &rays);
@@ -121,7 +131,7 @@ fn trace(world: &World, medium: &Medium, rays: &[Ray], max_bounces: u32) -> Path
 
 /// Paths from the camera to their ends.
 pub fn paths(max_bounces: u32) -> Workload {
-    let (world, medium, rays) = (world(), medium(EXTINCTION), rays());
+    let (world, medium, rays) = (world(), medium(), rays());
     Workload::new(rays.len(), move || {
         trace(&world, &medium, &rays, max_bounces);
     })
@@ -129,7 +139,7 @@ pub fn paths(max_bounces: u32) -> Workload {
 
 /// As [`paths`]; an operation is a scattering.
 pub fn vertices(max_bounces: u32) -> Workload {
-    let (world, medium, rays) = (world(), medium(EXTINCTION), rays());
+    let (world, medium, rays) = (world(), medium(), rays());
     let operations = trace(&world, &medium, &rays, max_bounces).bounces;
     Workload::new(operations as usize, move || {
         trace(&world, &medium, &rays, max_bounces);
@@ -140,7 +150,7 @@ pub fn vertices(max_bounces: u32) -> Workload {
 pub fn picture() -> Workload {
     const RESOLUTION: [u32; 2] = [128, 128];
     const SPP: u32 = 16;
-    let (world, medium) = (world(), medium(EXTINCTION));
+    let (world, medium) = (world(), medium());
     let eye = WorldPoint::new(0.5, 0.4, 4.0);
     let projection = Projection::Perspective { vertical_fov_deg: 36.0 };
     let view = View {

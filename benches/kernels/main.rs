@@ -50,7 +50,10 @@ enum Task {
         filter: Option<String>,
     },
     /// What bounds the tracing of light on this machine.
-    Roofline,
+    Roofline {
+        /// Only parts with this in their name.
+        filter: Option<String>,
+    },
     /// Two threads beside one.
     Scaling {
         /// Only kernels with this in their name.
@@ -97,7 +100,7 @@ fn run(args: &Args) -> Result<bool, Box<dyn Error>> {
         None => return compare::compare(None, args.record),
         Some(Task::Compare { filter }) => return compare::compare(filter.as_deref(), args.record),
         Some(Task::Instructions { filter }) => return callgrind::instructions(filter.as_deref(), args.record),
-        Some(Task::Roofline) => roofline::roofline(args.record)?,
+        Some(Task::Roofline { filter }) => roofline::roofline(filter.as_deref(), args.record)?,
         Some(Task::Scaling { filter }) => scaling::scaling(filter.as_deref(), args.record)?,
         Some(Task::Time { filter }) => println!("{}", serde_json::to_string(&compare::time(filter.as_deref()))?),
         Some(Task::Wall { kernel, threads }) => println!("{}", scaling::wall(kernel, *threads)?),

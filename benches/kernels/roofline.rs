@@ -41,14 +41,17 @@ struct Machine {
     loads: [(String, f64, f64); 3],
 }
 
-/// Prints the section, and writes it into docs/performance.md where wanted.
-pub fn roofline(is_recording: bool) -> Result<(), Box<dyn Error>> {
+/// Prints the section, and writes it into docs/performance.md where wanted; of parts whose name holds `filter`.
+pub fn roofline(filter: Option<&str>, is_recording: bool) -> Result<(), Box<dyn Error>> {
+    if is_recording && filter.is_some() {
+        return Err("the section is written as a whole: leave out the filter".into());
+    }
     let version = callgrind::version()?;
     let machine = look_at_machine()?;
     let mut text =
         format!("Measured on {}, {:.2} GHz by the chain; {version}.\n\n", machine::processor(), machine.gigahertz);
     describe_machine(&mut text, &machine)?;
-    describe_parts(&mut text, &machine)?;
+    describe_parts(&mut text, &machine, filter)?;
     println!("{text}");
     if is_recording {
         section::write("roofline", "make roofline", &text)?;
@@ -104,13 +107,13 @@ fn short_cycles(x: f64) -> String {
 
 /// A row for each part. Lower bounds are what each cause takes if all others took nothing: instructions at the highest rate;
 /// misses with eight under way. Next to them what would be if nothing overlapped: misses one after the other, mispredictions.
-fn describe_parts(text: &mut String, machine: &Machine) -> Result<(), Box<dyn Error>> {
+fn describe_parts(text: &mut String, machine: &Machine, filter: Option<&str>) -> Result<(), Box<dyn Error>> {
     writeln!(
         text,
         "| cycles of | measured | instructions | at the highest rate | misses of level 1; 2 | overlapped | one by one | mispredicted | cost | bound reached |"
     )?;
     writeln!(text, "|---|---|---|---|---|---|---|---|---|---|")?;
-    for part in &PARTS {
+    for part in PARTS.iter().filter(|part| filter.is_none_or(|f| part.what.contains(f))) {
         let per_operation = |more: f64, less: f64, operations: f64| (more - less) / operations;
         let (more, less) = (kernel(part.more)?, part.less.map(kernel).transpose()?);
         let (events, fewer) = (callgrind::count(more, true)?, less.map(|k| callgrind::count(k, true)).transpose()?);

@@ -65,7 +65,7 @@ pub const KERNELS: &[Kernel] = &[
     compared("majorant walk", "segment", grid::walk),
     compared("majorants", "voxel", grid::majorants),
     compared("collision", "ray", light::collisions),
-    compared("transmittance", "ray", || light::transmittances(light::EXTINCTION)),
+    compared("transmittance", "ray", light::transmittances),
     compared("path", "path", || light::paths(light::MAX_BOUNCES)),
     compared("EXR", "pixel", whole::exr),
     compared("frame", "frame", whole::frame),
@@ -83,7 +83,7 @@ pub const KERNELS: &[Kernel] = &[
 pub const WALK_FAR: &str = "full walk";
 /// See [`WALK_FAR`].
 pub const WALK_NEAR: &str = "full walk, near";
-/// Transmittances of whole rays through smoke of which little is lost, and through next to none.
+/// Connections with many null collisions, and with next to none.
 pub const NULLS_MANY: &str = "null collisions";
 /// See [`NULLS_MANY`].
 pub const NULLS_FEW: &str = "null collisions, thin";
