@@ -173,12 +173,12 @@ pub fn difference_steps() -> Workload {
     let (mut p, h) = (start.clone(), STEP as f32);
     Workload::new(SCALAR_COUNT, move || {
         go_back(&mut p, &start);
-        for i in 0..SCALAR_COUNT {
+        (0..SCALAR_COUNT).for_each(|i| {
             let x = [0, 1, 2].map(|a| p[a][i]);
             let v = difference_curl(&noise, x);
             let w = difference_curl(&noise, [0, 1, 2].map(|a| x[a] + 0.5 * h * v[a]));
             (0..3).for_each(|a| p[a][i] += h * w[a]);
-        }
+        });
         black_box(&p);
     })
 }
