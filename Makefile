@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery flow-pictures paper-tables verification refs bench peers
+.PHONY: plume test gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -64,9 +64,19 @@ refs:
 	CURLSMOKE_REMAKE_REFS="$(REASON)" cargo test --release --test images
 	@echo "- $$(date -u +%F): $(REASON)" >> refs/README.md
 
-bench:
+# Kernels beside what was recorded, in cycles of a chain that runs beside them; fails where one is slower. RECORD=1 keeps the
+# figures in benches/recorded.json, or in docs/performance.md.
+bench bench-instructions roofline scaling:
 	./bootstrap.sh
-	cargo bench
+	cargo bench --bench kernels -- $(BENCH_TASK) $(if $(RECORD),--record)
+
+bench: BENCH_TASK = compare
+# Instructions by callgrind, which repeat.
+bench-instructions: BENCH_TASK = instructions
+# What bounds the tracing of light on this machine.
+roofline: BENCH_TASK = roofline
+# Two threads beside one.
+scaling: BENCH_TASK = scaling
 
 # Light beside other renderers, with the table and the plot of docs/performance.md: half an hour of all processors, kept idle else.
 peers:

@@ -38,7 +38,7 @@ fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
 /// What a pixel that sees the world along one ray holds after `count` paths.
 fn pixel(stage: &Stage, medium: Option<&Medium>, count: u32, ray: Ray) -> Pixel {
     let limits = render::build_view(&stage.scene, 1, None).limits;
-    let integrator = Integrator { world: &stage.world, media: medium.into(), sun_shadows: Default::default(), limits };
+    let integrator = Integrator { world: &stage.world, media: medium.into(), sun_shadows: &Default::default(), limits };
     let (mut sum, mut counts) = (PixelSum::new(&[]), PathCounts::default());
     for i in 0..count {
         sum.add(&[], &integrator.trace(ray, &mut Sampler::new(Seed(7), 0, 0, i), &mut counts));

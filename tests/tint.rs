@@ -95,7 +95,7 @@ fn what_passes_smoke_falls_by_each_channels_own_extinction() {
         let integrator = Integrator {
             world: &stage.world,
             media: Some(&medium).into(),
-            sun_shadows: Default::default(),
+            sun_shadows: &Default::default(),
             limits: view.limits,
         };
         let direction = UnitVec3::try_new(Vec3::NEG_Z).unwrap();

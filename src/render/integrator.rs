@@ -48,7 +48,7 @@ pub struct Integrator<'a> {
     /// What light flies through.
     pub media: Media<'a>,
     /// What the media do to light of suns.
-    pub sun_shadows: SunShadows,
+    pub sun_shadows: &'a SunShadows,
     /// When paths end.
     pub limits: PathLimits,
 }

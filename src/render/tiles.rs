@@ -98,7 +98,7 @@ pub fn render_media(
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
     let sun_shadows = SunShadows::new(&world.lights, media.grids());
-    let integrator = Integrator { world, media, sun_shadows, limits: view.limits };
+    let integrator = Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let edge = if view.adaptive.is_some() { ADAPTIVE_TILE } else { TILE };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(edge as usize).collect();

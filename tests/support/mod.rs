@@ -106,7 +106,7 @@ fn estimate_media(
 ) -> [Estimate; 3] {
     const BLOCK: usize = 4096;
     let view = render::build_view(&stage.scene, 1, None);
-    let integrator = Integrator { world: &stage.world, media, sun_shadows: Default::default(), limits: view.limits };
+    let integrator = Integrator { world: &stage.world, media, sun_shadows: &Default::default(), limits: view.limits };
     let blocks = count.div_ceil(BLOCK);
     let means: Vec<DVec3> = (0..blocks)
         .into_par_iter()
