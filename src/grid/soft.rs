@@ -10,6 +10,9 @@
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS, local_voxel};
 use glam::{DVec3, IVec3};
 
+/// A bit for each voxel of a brick.
+pub(crate) type Seen = [u64; BRICK_VOXELS / 64];
+
 /// The least step along a line of sight [voxels]. A plate thicker than this is never stepped over. Lines that run along
 /// a wall closer than this take the most steps.
 pub const SIGHT_STEP: f64 = 1.0 / 12.0;
@@ -55,7 +58,7 @@ pub(crate) fn gain(kept: f64) -> f64 {
 }
 
 /// A place with its distance to the nearest wall.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sounding {
     pub place: DVec3,
     pub distance: f64,
@@ -67,11 +70,29 @@ pub(crate) struct Sight<'a> {
     obstacles: &'a dyn ObstacleDistance,
     voxel_size: f64,
     inverse_voxel_size: f64,
+    soft_radius: Option<f64>,
 }
 
 impl<'a> Sight<'a> {
-    pub fn new(obstacles: &'a dyn ObstacleDistance, voxel_size: f64) -> Self {
-        Self { obstacles, voxel_size, inverse_voxel_size: 1.0 / voxel_size }
+    /// `soft_radius` [m] is where kernels begin to fade; their own radius where `None`.
+    pub fn new(obstacles: &'a dyn ObstacleDistance, voxel_size: f64, soft_radius: Option<f64>) -> Self {
+        let inverse_voxel_size = 1.0 / voxel_size;
+        Self { obstacles, voxel_size, inverse_voxel_size, soft_radius: soft_radius.map(|r| r * inverse_voxel_size) }
+    }
+
+    /// The distance at which a kernel of `radius` begins to fade.
+    #[inline(always)]
+    pub fn soft_radius(&self, radius: f64) -> f64 {
+        self.soft_radius.unwrap_or(radius)
+    }
+
+    /// The distances of many places at once.
+    pub fn sound_all(&self, places: &[DVec3]) -> Vec<f64> {
+        let points: Vec<DVec3> = places.iter().map(|&place| (place + 0.5) * self.voxel_size).collect();
+        let mut distances = vec![0.0; places.len()];
+        self.obstacles.distances(&points, &mut distances);
+        distances.iter_mut().for_each(|d| *d *= self.inverse_voxel_size);
+        distances
     }
 
     pub fn sound(&self, place: DVec3) -> Sounding {
@@ -116,6 +137,95 @@ impl<'a> Sight<'a> {
     }
 }
 
+/// Lines of sight from one place to voxels of a brick. They are followed side by side, since obstacles answer for many points at
+/// once in little more than the time for one.
+#[derive(Debug, Default)]
+pub(crate) struct Lines {
+    from: Sounding,
+    /// First voxel of the brick.
+    corner: DVec3,
+    lines: Vec<Line>,
+    points: Vec<DVec3>,
+    metres: Vec<f64>,
+}
+
+/// A line of sight that is not known to be clear yet.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    number: usize,
+    direction: DVec3,
+    along: f64,
+    /// From here on the voxel's own empty ball covers it.
+    end: f64,
+}
+
+impl Lines {
+    /// Lines from another place, to other voxels.
+    pub fn begin(&mut self, from: Sounding, brick: IVec3) {
+        self.from = from;
+        self.corner = (brick * BRICK_EDGE as i32).as_dvec3();
+        self.lines.clear();
+    }
+
+    /// Adds the line to voxel `number`, which is at that distance from the wall, more than 0; one that is seen to be clear at once
+    /// is noted in `seen`.
+    #[inline(always)]
+    pub fn add(&mut self, number: usize, distance: f64, seen: &mut Seen) {
+        let step = self.corner + DVec3::new((number & 7) as f64, (number >> 3 & 7) as f64, (number >> 6) as f64)
+            - self.from.place;
+        let length = step.length();
+        if length < self.from.distance + distance {
+            seen[number / 64] |= 1 << (number % 64);
+        } else {
+            let direction = step / length.max(f64::MIN_POSITIVE);
+            self.lines.push(Line {
+                number,
+                direction,
+                along: self.from.distance.max(SIGHT_STEP),
+                end: length - distance,
+            });
+        }
+    }
+}
+
+impl Sight<'_> {
+    /// Notes in `seen` the voxels that the lines reach: as [`Sight::is_clear`] of each.
+    pub fn follow(&self, lines: &mut Lines, seen: &mut Seen) {
+        let Lines { from, lines, points, metres, .. } = lines;
+        if from.distance < 0.0 {
+            return;
+        }
+        loop {
+            lines.retain(|line| {
+                let is_through = line.along >= line.end;
+                if is_through {
+                    seen[line.number / 64] |= 1 << (line.number % 64);
+                }
+                !is_through
+            });
+            if lines.is_empty() {
+                return;
+            }
+            points.clear();
+            points.extend(lines.iter().map(|l| (from.place + l.direction * l.along + 0.5) * self.voxel_size));
+            metres.resize(points.len(), 0.0);
+            self.obstacles.distances(points, metres);
+            let mut found = metres.iter().map(|d| d * self.inverse_voxel_size);
+            lines.retain_mut(|line| {
+                let distance = found.next().unwrap_or_default();
+                line.along += distance.max(SIGHT_STEP);
+                distance >= 0.0
+            });
+        }
+    }
+}
+
+/// Whether the bit of a voxel is set.
+#[inline(always)]
+pub(crate) fn is_seen(seen: &Seen, number: usize) -> bool {
+    seen[number / 64] >> (number % 64) & 1 == 1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -145,7 +255,7 @@ mod tests {
     fn no_line_of_sight_goes_through_a_plate() {
         for thickness in [1.01 * SIGHT_STEP, 0.1, 3.0] {
             let plate = Plate(0.5, 0.5 + 0.02 * thickness);
-            let sight = Sight::new(&plate, 0.02);
+            let sight = Sight::new(&plate, 0.02, None);
             for i in 0..2000 {
                 let t = f64::from(i);
                 let near = DVec3::new(24.5 - 6.0 * (t * 0.618).fract(), (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
@@ -161,7 +271,7 @@ mod tests {
     #[test]
     fn a_brick_has_the_distances_of_its_voxels() {
         let plate = Plate(0.1, 0.3);
-        let sight = Sight::new(&plate, 0.05);
+        let sight = Sight::new(&plate, 0.05, None);
         let brick = IVec3::new(-1, 2, 0);
         let distances = sight.of_brick(brick);
         for (i, &d) in distances.iter().enumerate() {

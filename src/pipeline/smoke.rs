@@ -218,8 +218,6 @@ struct FlowObstacles<'a>(FieldSpan<'a>);
 
 impl ObstacleDistance for FlowObstacles<'_> {
     fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
-        for (point, distance) in points.iter().zip(distances) {
-            *distance = self.0.distance(point.to_array(), 0.0);
-        }
+        self.0.distances(points, 0.0, distances);
     }
 }
