@@ -54,24 +54,29 @@ impl Kernel {
         for axis in 0..3 {
             let start = (f64::from(low[axis]) - center[axis]) as f32;
             let width = self.width[axis] as usize;
-            let rows = width.next_multiple_of(BRICK_EDGE);
-            let weights = &mut self.weights[axis][MARGIN..][..rows + MARGIN];
+            let weights = &mut self.weights[axis][MARGIN..][..width.next_multiple_of(BRICK_EDGE) + MARGIN];
             // Whole rows, which the compiler computes side by side; what is beyond the kernel is 0 afterwards.
-            for first in (0..rows).step_by(BRICK_EDGE) {
-                for i in first..first + BRICK_EDGE {
-                    let u = (start + i as f32) * inverse;
+            let (rows, _) = weights.as_chunks_mut::<BRICK_EDGE>();
+            for n in 0..rows.len() - 1 {
+                for i in 0..BRICK_EDGE {
+                    let u = (start + (n * BRICK_EDGE + i) as f32) * inverse;
                     let s = (1.0 - u * u).max(0.0);
-                    weights[i] = s * s * s;
+                    rows[n][i] = s * s * s;
                 }
             }
+            let weights = &mut self.weights[axis][MARGIN..][..width.next_multiple_of(BRICK_EDGE) + MARGIN];
             let mut sum = 0.0f32;
             for i in 0..width {
                 sum += weights[i];
             }
             let normalise = 1.0 / sum;
-            for i in 0..rows {
-                weights[i] *= normalise;
+            let (rows, _) = weights.as_chunks_mut::<BRICK_EDGE>();
+            for n in 0..rows.len() - 1 {
+                for i in 0..BRICK_EDGE {
+                    rows[n][i] *= normalise;
+                }
             }
+            let weights = &mut self.weights[axis][MARGIN..][..width.next_multiple_of(BRICK_EDGE) + MARGIN];
             weights[width..].fill(0.0);
         }
     }
@@ -88,40 +93,46 @@ impl Kernel {
         Some(Overlap { from, to, weights: [row(0)?, row(1)?, row(2)?] })
     }
 
-    /// Calls `visit` with number and weight of each voxel of `brick` that the kernel reaches.
+    /// Calls `visit` with each row of voxels of `brick` that the kernel reaches: the number y + 8·z, and `scale` times the weights
+    /// along x, some of which may be 0. Mark closures `#[inline(always)]`.
     #[inline(always)]
-    pub fn for_each_voxel(&self, brick: IVec3, mut visit: impl FnMut(usize, f64)) {
-        let Some(Overlap { from, to, weights: [wx, wy, wz] }) = self.overlap(brick) else { return };
-        for z in from.z as usize..to.z as usize {
-            for y in from.y as usize..to.y as usize {
-                let factor = f64::from(wz[z]) * f64::from(wy[y]);
-                let first = (z * BRICK_EDGE + y) * BRICK_EDGE;
-                for x in from.x as usize..to.x as usize {
-                    visit(first + x, factor * f64::from(wx[x]));
-                }
-            }
-        }
-    }
-
-    /// Adds `amount` times the kernel to the voxels of `brick`.
-    #[inline(always)]
-    pub fn add_to(&self, values: &mut [f64; BRICK_VOXELS], brick: IVec3, amount: f64) {
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    pub fn for_each_row(&self, brick: IVec3, scale: f64, mut visit: impl FnMut(usize, &[f64; BRICK_EDGE])) {
         let Some(Overlap { from, to, weights: [wx, wy, wz] }) = self.overlap(brick) else { return };
         let mut along = [0.0; BRICK_EDGE];
         for x in 0..BRICK_EDGE {
             along[x] = f64::from(wx[x]);
         }
         for z in from.z as usize..to.z as usize {
-            let layer = amount * f64::from(wz[z]);
+            let layer = scale * f64::from(wz[z]);
             for y in from.y as usize..to.y as usize {
                 let factor = layer * f64::from(wy[y]);
-                let first = (z * BRICK_EDGE + y) * BRICK_EDGE;
-                // All of the row: adding nothing costs less than finding out where to begin.
+                let mut row = [0.0; BRICK_EDGE];
                 for x in 0..BRICK_EDGE {
-                    values[first + x] += factor * along[x];
+                    row[x] = factor * along[x];
                 }
+                visit(z * BRICK_EDGE + y, &row);
             }
         }
+    }
+
+    /// Adds `amount` times the kernel to the voxels of `brick`.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    pub fn add_to(&self, values: &mut [f64; BRICK_VOXELS], brick: IVec3, amount: f64) {
+        let (rows, _) = values.as_chunks_mut::<BRICK_EDGE>();
+        self.for_each_row(
+            brick,
+            amount,
+            #[inline(always)]
+            |n, weights| {
+                // All of the row: adding nothing costs less than finding out where to begin.
+                let row = &mut rows[n];
+                for x in 0..BRICK_EDGE {
+                    row[x] += weights[x];
+                }
+            },
+        );
     }
 }
 
@@ -148,6 +159,7 @@ pub(crate) fn touches(center: DVec3, radius: f64, brick: IVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::local_voxel;
 
     #[test]
     fn weights_add_up_to_one_and_are_never_empty() {
@@ -174,14 +186,20 @@ mod tests {
         let mut kernel = Kernel::zeroed();
         for (radius, shift) in [(1.0, 0.0), (1.7, 0.3), (3.4, -0.45), (9.0, 0.21), (40.0, 0.5)] {
             kernel.place(DVec3::new(3.1 + shift, -2.7, 11.9 - shift), radius);
-            let (low, high) = (kernel.low >> 3, (kernel.low + kernel.width - 1) >> 3);
+            let (low, high): (IVec3, IVec3) = (kernel.low >> 3, (kernel.low + kernel.width - 1) >> 3);
             let mut sum = 0.0;
             for brick in (low.z..=high.z)
                 .flat_map(|z| (low.y..=high.y).flat_map(move |y| (low.x..=high.x).map(move |x| IVec3::new(x, y, z))))
             {
                 let (mut rows, mut plain) = ([0.25; BRICK_VOXELS], [0.25; BRICK_VOXELS]);
                 kernel.add_to(&mut rows, brick, 0.7);
-                kernel.for_each_voxel(brick, |number, weight| plain[number] += 0.7 * weight);
+                for (i, value) in plain.iter_mut().enumerate() {
+                    let at = brick * 8 + local_voxel(i).as_ivec3() - kernel.low;
+                    if at.cmpge(IVec3::ZERO).all() && at.cmplt(kernel.width).all() {
+                        let weight = |axis: usize| f64::from(kernel.weights[axis][MARGIN + at[axis] as usize]);
+                        *value += 0.7 * weight(0) * weight(1) * weight(2);
+                    }
+                }
                 assert!(rows.iter().zip(&plain).all(|(a, b)| (a - b).abs() < 1e-15), "{brick} at {radius}");
                 sum += plain.iter().map(|v| v - 0.25).sum::<f64>();
             }

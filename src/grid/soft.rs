@@ -10,8 +10,11 @@
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS, local_voxel};
 use glam::{DVec3, IVec3};
 
-/// A bit for each voxel of a brick.
-pub(crate) type Seen = [u64; BRICK_VOXELS / 64];
+/// Voxels of a layer of a brick.
+const LAYER: usize = BRICK_EDGE * BRICK_EDGE;
+/// A bit for each voxel of a brick, a word for each layer.
+pub(crate) type Seen = [u64; BRICK_EDGE];
+const _: () = assert!(LAYER == u64::BITS as usize);
 
 /// The least step along a line of sight [voxels]. A plate thicker than this is never stepped over. Lines that run along
 /// a wall closer than this take the most steps.
@@ -46,7 +49,7 @@ pub(crate) type BrickDistances = [f32; BRICK_VOXELS];
 
 /// The share of its weight that a kernel keeps at a distance from the wall of `t` times the soft radius: `1 − (1 − t)⁴`
 /// from 0 on the wall and inside to 1 from t = 1 on, with three continuous derivatives there.
-#[inline]
+#[inline(always)]
 pub fn fade(t: f64) -> f64 {
     let s = 1.0 - t.clamp(0.0, 1.0);
     1.0 - (s * s) * (s * s)
@@ -167,23 +170,36 @@ impl Lines {
         self.lines.clear();
     }
 
-    /// Adds the line to voxel `number`, which is at that distance from the wall, more than 0; one that is seen to be clear at once
-    /// is noted in `seen`.
+    /// Adds the lines to the voxels of row `n` (y + 8·z) where `weights` is not 0 and no wall; `distances` are those of the row.
+    /// Lines that are seen to be clear at once are noted in `seen` instead.
     #[inline(always)]
-    pub fn add(&mut self, number: usize, distance: f64, seen: &mut Seen) {
-        let step = self.corner + DVec3::new((number & 7) as f64, (number >> 3 & 7) as f64, (number >> 6) as f64)
-            - self.from.place;
-        let length = step.length();
-        if length < self.from.distance + distance {
-            seen[number / 64] |= 1 << (number % 64);
-        } else {
-            let direction = step / length.max(f64::MIN_POSITIVE);
-            self.lines.push(Line {
-                number,
-                direction,
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    pub fn add_row(&mut self, n: usize, weights: &[f64; BRICK_EDGE], distances: &[f32; BRICK_EDGE], seen: &mut Seen) {
+        let first = self.corner + DVec3::new(0.0, (n % BRICK_EDGE) as f64, (n / BRICK_EDGE) as f64) - self.from.place;
+        let across = first.y * first.y + first.z * first.z;
+        let (mut clear, mut unsure) = (0u64, 0u64);
+        for x in 0..BRICK_EDGE {
+            let (dx, distance) = (first.x + x as f64, f64::from(distances[x]));
+            let reach = self.from.distance + distance;
+            let is_asked = (weights[x] > 0.0) & (distance > 0.0);
+            // The empty balls round both ends meet.
+            let is_clear = dx * dx + across < reach * reach;
+            clear |= u64::from(is_asked & is_clear) << x;
+            unsure |= u64::from(is_asked & !is_clear) << x;
+        }
+        seen[n / BRICK_EDGE] |= clear << (BRICK_EDGE * (n % BRICK_EDGE));
+        while unsure != 0 {
+            let x = unsure.trailing_zeros() as usize;
+            unsure &= unsure - 1;
+            let step = first + DVec3::new(x as f64, 0.0, 0.0);
+            let length = step.length();
+            let line = Line {
+                number: n * BRICK_EDGE + x,
+                direction: step / length.max(f64::MIN_POSITIVE),
                 along: self.from.distance.max(SIGHT_STEP),
-                end: length - distance,
-            });
+                end: length - f64::from(distances[x]),
+            };
+            self.lines.push(line);
         }
     }
 }
@@ -199,7 +215,7 @@ impl Sight<'_> {
             lines.retain(|line| {
                 let is_through = line.along >= line.end;
                 if is_through {
-                    seen[line.number / 64] |= 1 << (line.number % 64);
+                    seen[line.number / LAYER] |= 1 << (line.number % LAYER);
                 }
                 !is_through
             });
@@ -220,10 +236,23 @@ impl Sight<'_> {
     }
 }
 
-/// Whether the bit of a voxel is set.
+/// `weights` of the voxels of row `n` that are seen, faded; 0 of others.
 #[inline(always)]
-pub(crate) fn is_seen(seen: &Seen, number: usize) -> bool {
-    seen[number / 64] >> (number % 64) & 1 == 1
+#[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+pub(crate) fn faded_row(
+    n: usize,
+    weights: &[f64; BRICK_EDGE],
+    distances: &[f32; BRICK_EDGE],
+    inverse_soft: f64,
+    seen: &Seen,
+) -> [f64; BRICK_EDGE] {
+    let bits = seen[n / BRICK_EDGE] >> (BRICK_EDGE * (n % BRICK_EDGE));
+    let mut left = [0.0; BRICK_EDGE];
+    for x in 0..BRICK_EDGE {
+        let kept = weights[x] * fade(f64::from(distances[x]) * inverse_soft);
+        left[x] = if bits >> x & 1 == 1 { kept } else { 0.0 };
+    }
+    left
 }
 
 #[cfg(test)]
@@ -266,6 +295,34 @@ mod tests {
                 assert!(sight.is_clear(a, sight.sound(far)), "{near} {far}");
             }
         }
+    }
+
+    #[test]
+    fn lines_followed_together_reach_what_each_reaches_alone() {
+        let mut found = [0, 0];
+        for (thickness, shift) in [(0.3, 0.0), (1.0, 2.2), (2.0, 5.0)] {
+            let plate = Plate(0.02 * shift, 0.02 * (shift + thickness));
+            let sight = Sight::new(&plate, 0.02, None);
+            let (brick, mut lines) = (IVec3::ZERO, Lines::default());
+            let distances = sight.of_brick(brick);
+            let (rows, _) = distances.as_chunks::<BRICK_EDGE>();
+            for i in 0..200 {
+                let t = f64::from(i);
+                let place = DVec3::new((t * 0.618).fract() * 9.0 - 1.0, (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
+                let from = sight.sound(place);
+                let mut seen = Seen::default();
+                lines.begin(from, brick);
+                (0..LAYER).for_each(|n| lines.add_row(n, &[1.0; BRICK_EDGE], &rows[n], &mut seen));
+                sight.follow(&mut lines, &mut seen);
+                for (number, &distance) in distances.iter().enumerate() {
+                    let to = Sounding { place: local_voxel(number).as_dvec3(), distance: f64::from(distance) };
+                    let is_clear = from.distance >= 0.0 && distance > 0.0 && sight.is_clear(from, to);
+                    assert_eq!(seen[number / LAYER] >> (number % LAYER) & 1 == 1, is_clear, "{place} to {number}");
+                    found[usize::from(is_clear)] += 1;
+                }
+            }
+        }
+        assert!(found.iter().all(|&n| n > 10_000), "{found:?}");
     }
 
     #[test]

@@ -18,11 +18,13 @@ use glam::{DVec3, IVec3, U64Vec3, UVec3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-pub use crate::grid::streak::{MAX_PIECES, SplatInput};
 use crate::grid::streak::{Extent, Streaks};
+pub use crate::grid::streak::{MAX_PIECES, SplatInput};
 
 /// Most particles of a batch.
 const BATCH: usize = 1 << 22;
+/// Particles of the first batch, if they make no more pairs than a batch may have.
+const FIRST_BATCH: usize = 1 << 17;
 /// Pairs of a piece and a brick in a batch, unless it is of a single particle. Bricks that many batches reach are read and written
 /// as often; pairs take memory.
 const BATCH_TOUCHES: u64 = 1 << 23;
@@ -114,14 +116,15 @@ impl SplatSum {
         let streaks = Streaks::try_new(input, h, settings.shutter_seconds, self.particle_count)?;
         let is_soft = settings.soft_radius.is_none_or(|r| r > 0.0);
         let sight = input.obstacles.filter(|_| is_soft).map(|o| Sight::new(o, h, settings.soft_radius));
-        let mut start = 0;
+        let most = if sight.is_some() { BATCH_TOUCHES_SOFT } else { BATCH_TOUCHES };
+        let (mut start, mut wanted) = (0, FIRST_BATCH);
         while start < streaks.count() {
-            let (end, extent) = next_batch(&streaks, start, sight.is_some());
-            if let Some(extent) = extent {
-                self.add_batch(&streaks, sight.as_ref(), start..end, extent)?;
-            } else {
-                self.account(&streaks, start..end, None);
+            let (end, extent) = next_batch(&streaks, start, wanted, most);
+            match extent {
+                Some(extent) => self.add_batch(&streaks, sight.as_ref(), start..end, extent)?,
+                None => self.account(&streaks, start..end, None),
             }
+            wanted = extent.map_or(BATCH, |extent| fitting(end - start, extent.touches, most));
             start = end;
         }
         self.particle_count += streaks.count();
@@ -218,19 +221,22 @@ impl BrickSum {
     }
 }
 
-/// Where the batch that begins with particle `start` ends, and how far it reaches, if it weighs anything.
-fn next_batch(streaks: &Streaks, start: usize, is_soft: bool) -> (usize, Option<Extent>) {
-    let most = if is_soft { BATCH_TOUCHES_SOFT } else { BATCH_TOUCHES };
-    let mut count = BATCH.min(streaks.count() - start);
+/// Where the batch that begins with particle `start` ends, about `wanted` later, and how far it reaches, if it weighs anything.
+fn next_batch(streaks: &Streaks, start: usize, wanted: usize, most: u64) -> (usize, Option<Extent>) {
+    let mut count = wanted.min(streaks.count() - start);
     loop {
         let extent = streaks.extent(start..start + count);
         let touches = extent.map_or(0, |e| e.touches);
         if touches <= most || count == 1 {
             return (start + count, extent);
         }
-        // A little less than is expected to fit; evenly spread particles are looked at twice.
-        count = (count as f64 * 0.95 * most as f64 / touches as f64).clamp(1.0, count as f64 - 1.0) as usize;
+        count = fitting(count, touches, most).min(count - 1);
     }
+}
+
+/// How many particles make at most `most` pairs where `count` make `touches`: a little less, for they are not all alike.
+fn fitting(count: usize, touches: u64, most: u64) -> usize {
+    (count as f64 * 0.9 * most as f64 / touches.max(1) as f64).clamp(1.0, BATCH as f64) as usize
 }
 
 /// Place of the brick in the box (upper half) and particle, counted from the first of the range (lower half), of every pair, in
@@ -320,7 +326,8 @@ mod tests {
 
     #[test]
     fn keys_are_ordered_by_z_y_x_and_come_back() {
-        let bricks = [[-9, 4, -3], [5, -6, -2], [-1, 0, 0], [0, 0, 0], [1, 0, 0], [-7, 1, 0], [0, 0, 1]].map(IVec3::from);
+        let bricks =
+            [[-9, 4, -3], [5, -6, -2], [-1, 0, 0], [0, 0, 0], [1, 0, 0], [-7, 1, 0], [0, 0, 1]].map(IVec3::from);
         let far = IVec3::splat(MAX_COORDINATE / BRICK_EDGE as i32);
         for brick in bricks.into_iter().chain([far, -far, far - 1]) {
             assert_eq!(brick_of(brick_key(brick)), brick);

@@ -150,7 +150,10 @@ impl<'a> Streaks<'a> {
         let velocity = Self::vector(&self.input.velocity, i);
         let [open, close] = self.shutter;
         let middle = Self::vector(&self.input.position, i) + velocity * (0.5 * (open + close));
-        (middle * self.inverse_voxel_size - 0.5, 0.5 * velocity.length() * (close - open).abs() * self.inverse_voxel_size)
+        (
+            middle * self.inverse_voxel_size - 0.5,
+            0.5 * velocity.length() * (close - open).abs() * self.inverse_voxel_size,
+        )
     }
 
     /// First and last brick that each piece of particle `i` reaches; none for one that weighs nothing.

@@ -3,12 +3,13 @@
 //! The first pass finds which voxels each piece sees and what share of its weight that is; the second adds by the same
 //! voxels, so that no line of sight is followed twice.
 
-use crate::grid::BRICK_VOXELS;
 use crate::grid::kernel::{Kernel, touches};
-use crate::grid::soft::{BrickDistances, Lines, Seen, Sight, Sounding, fade, is_seen};
+use crate::grid::soft::{BrickDistances, Lines, Seen, Sight, Sounding, faded_row};
 use crate::grid::streak::Streaks;
+use crate::grid::{BRICK_EDGE, BRICK_VOXELS};
+use crate::math::lanes::{self, Batch, run_kernel};
 use crate::math::parallel;
-use glam::IVec3;
+use glam::{DVec3, IVec3};
 use std::ops::Range;
 
 /// A brick and its pairs, in the order of particles.
@@ -54,7 +55,8 @@ impl<'a> Walls<'a> {
         let near_of = |b: &BrickPairs, pair: u64| Some((b.particle(pair), near[b.particle(pair) - first]?));
         let measured = parallel::try_map(bricks.iter().zip(distances), |_, (b, distances)| {
             let mut found = (Vec::new(), Vec::new());
-            let mut pass = FirstPass { streaks, sight, brick: b.brick, lines: Lines::default(), kernel: Kernel::zeroed() };
+            let mut pass =
+                FirstPass { streaks, sight, brick: b.brick, lines: Lines::default(), kernel: Kernel::zeroed() };
             for (i, own) in b.pairs.iter().filter_map(|&pair| near_of(b, pair)) {
                 let distances = distances.get_or_insert_with(|| sight.of_brick(b.brick));
                 let share = pass.look(i, own, distances, &mut found.1);
@@ -133,25 +135,77 @@ impl FirstPass<'_> {
             let mut of_piece = Seen::default();
             // A piece behind a wall: the streak is straight and the particle's path went round.
             if self.sight.is_clear(own, from) {
-                self.kernel.place(center, radius);
                 self.lines.begin(from, self.brick);
-                let lines = &mut self.lines;
-                self.kernel.for_each_voxel(self.brick, |number, weight| {
-                    let distance = f64::from(distances[number]);
-                    if weight > 0.0 && distance > 0.0 {
-                        lines.add(number, distance, &mut of_piece);
-                    }
-                });
-                self.sight.follow(lines, &mut of_piece);
-                self.kernel.for_each_voxel(self.brick, |number, weight| {
-                    if is_seen(&of_piece, number) {
-                        share += weight * fade(f64::from(distances[number]) * inverse_soft);
-                    }
-                });
+                let (kernel, lines, brick) = (&mut self.kernel, &mut self.lines, self.brick);
+                run_kernel(Ask { kernel, lines, center, radius, brick, distances, seen: &mut of_piece });
+                self.sight.follow(&mut self.lines, &mut of_piece);
+                let kernel = &self.kernel;
+                share += run_kernel(Share { kernel, brick, distances, inverse_soft, seen: &of_piece });
             }
             seen.push(of_piece);
         }
         share / f64::from(count)
+    }
+}
+
+/// Places a kernel and asks for lines of sight to its voxels.
+struct Ask<'a> {
+    kernel: &'a mut Kernel,
+    lines: &'a mut Lines,
+    center: DVec3,
+    radius: f64,
+    brick: IVec3,
+    distances: &'a BrickDistances,
+    seen: &'a mut Seen,
+}
+
+impl lanes::Kernel for Ask<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Batch>(self, _: L) {
+        let Self { kernel, lines, center, radius, brick, distances, seen } = self;
+        kernel.place(center, radius);
+        let (distances, _) = distances.as_chunks::<BRICK_EDGE>();
+        kernel.for_each_row(
+            brick,
+            1.0,
+            #[inline(always)]
+            |n, weights| lines.add_row(n, weights, &distances[n], seen),
+        );
+    }
+}
+
+/// The share of a kernel's weight that is seen of a brick.
+struct Share<'a> {
+    kernel: &'a Kernel,
+    brick: IVec3,
+    distances: &'a BrickDistances,
+    inverse_soft: f64,
+    seen: &'a Seen,
+}
+
+impl lanes::Kernel for Share<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn run<L: Batch>(self, _: L) -> f64 {
+        let Self { kernel, brick, distances, inverse_soft, seen } = self;
+        let (distances, _) = distances.as_chunks::<BRICK_EDGE>();
+        let mut sums = [0.0; BRICK_EDGE];
+        kernel.for_each_row(
+            brick,
+            1.0,
+            #[inline(always)]
+            |n, weights| {
+                let left = faded_row(n, weights, &distances[n], inverse_soft, seen);
+                for x in 0..BRICK_EDGE {
+                    sums[x] += left[x];
+                }
+            },
+        );
+        sums.iter().sum()
     }
 }
 
@@ -171,6 +225,7 @@ impl SeenPieces<'_> {
 
     /// Adds `amount` times what the next piece, with this kernel, leaves at the voxels that it sees.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     pub fn add_next(
         &mut self,
         kernel: &Kernel,
@@ -181,10 +236,19 @@ impl SeenPieces<'_> {
     ) {
         let Some(seen) = self.seen.next() else { return };
         let inverse_soft = 1.0 / self.walls.sight.soft_radius(radius);
-        kernel.for_each_voxel(brick, |number, weight| {
-            if is_seen(seen, number) {
-                values[number] += amount * (weight * fade(f64::from(self.distances[number]) * inverse_soft));
-            }
-        });
+        let (rows, _) = values.as_chunks_mut::<BRICK_EDGE>();
+        let (distances, _) = self.distances.as_chunks::<BRICK_EDGE>();
+        kernel.for_each_row(
+            brick,
+            amount,
+            #[inline(always)]
+            |n, weights| {
+                let left = faded_row(n, weights, &distances[n], inverse_soft, seen);
+                let row = &mut rows[n];
+                for x in 0..BRICK_EDGE {
+                    row[x] += left[x];
+                }
+            },
+        );
     }
 }

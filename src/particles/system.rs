@@ -6,10 +6,10 @@
 
 use crate::flow::field::VelocityField;
 use crate::flow::kind::{Flow, FlowSpan};
+use crate::math::parallel;
 use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
 use crate::particles::emit::{Birth, Emitter};
 use crate::particles::follow::{IsoValues, Stride, follow, velocities};
-use crate::math::parallel;
 use crate::particles::{Particles, ParticlesError};
 use crate::progress::{Progress, Stage};
 use std::ops::Range;
@@ -145,6 +145,11 @@ impl ParticleSystem {
         &self.flow
     }
 
+    /// The same to keep while particles are carried.
+    pub fn shared_flow(&self) -> Arc<Flow> {
+        self.flow.clone()
+    }
+
     /// A field with the walls of the flow.
     pub fn walls(&self) -> &VelocityField {
         self.flow.walls()
@@ -228,33 +233,27 @@ impl ParticleSystem {
         let oldest = self.oldest_step(target);
         self.step = None;
         progress.begin(Stage::Advect, self.expected_work(oldest, target));
-        let visited = self.windows(oldest, target, batch).into_iter().try_for_each(|window| {
-            self.clouds.iter_mut().for_each(Cloud::clear);
-            let emitter = &self.emitters[window.emitter_idx];
-            let before_first = self.grid.step_before(emitter.earliest_birth(window.indices.start)).saturating_sub(1);
-            let mut step = before_first.clamp(oldest, target);
-            self.carry(&mut step, target, Some(&window), progress)?;
-            self.check_finite(frame)?;
-            if self.frame.is_empty() { Ok(()) } else { visit(&self.frame) }
+        let visited = (0..self.emitters.len()).try_for_each(|emitter_idx| {
+            let all = self.emitters[emitter_idx].candidates(self.grid.time(oldest), self.grid.time(target));
+            let mut first = all.start;
+            while first < all.end {
+                let end = first.saturating_add(batch.max(1)).min(all.end);
+                let earliest = self.grid.step_before(self.emitters[emitter_idx].earliest_birth(first));
+                let mut step = earliest.saturating_sub(1).clamp(oldest, target);
+                self.clouds.iter_mut().for_each(Cloud::clear);
+                self.carry(&mut step, target, Some(&Window { emitter_idx, indices: first..end }), progress)?;
+                self.check_finite(frame)?;
+                if !self.frame.is_empty() {
+                    visit(&self.frame)?;
+                }
+                first = end;
+            }
+            Ok(())
         });
         progress.end(Stage::Advect);
         self.clouds.iter_mut().for_each(|cloud| *cloud = Cloud::default());
         self.frame = Particles::default();
         visited
-    }
-
-    /// All particles that may be born between two steps, in pieces of at most `batch`.
-    fn windows(&self, oldest: i64, target: i64, batch: u64) -> Vec<Window> {
-        let batch = batch.max(1);
-        let of_emitter = |(emitter_idx, emitter): (usize, &Emitter)| {
-            let all = emitter.candidates(self.grid.time(oldest), self.grid.time(target));
-            let count = (all.end - all.start).div_ceil(batch);
-            (0..count).map(move |n| {
-                let first = all.start + n * batch;
-                Window { emitter_idx, indices: first..all.end.min(first.saturating_add(batch)) }
-            })
-        };
-        self.emitters.iter().enumerate().flat_map(of_emitter).collect()
     }
 
     /// Takes the clouds from `step` to `target`, with the particles that are born on the way, of a window where one is given, and
