@@ -109,13 +109,15 @@ def report(args, sweeps, curves, figures):
     fine, coarse = figures["voxel", sweeps["voxel"][-1]], figures["voxel", sweeps["voxel"][0]]
     of_voxel = 100.0 * (fine["memory"] - coarse["memory"]) * 2**20 / (fine["voxels"] - coarse["voxels"])
     stored = (fine["grid_mib"] - coarse["grid_mib"]) * 2**20 / (fine["voxels"] - coarse["voxels"])
+    around = figures["threads", sweeps["threads"][-1]]
+    rounds = "once" if args.rounds == 1 else f"{args.rounds} rounds in turns"
     base = ", ".join(f"{LABELS[k]} {v:,}" for k, v in BASE.items() if k != "voxel")
     return f"""
 ### What a frame costs
 
-`make costs` renders a ball of smoke with one quantity changed at a time, {args.rounds} rounds in turns ({processor()},
-{time.strftime("%Y-%m-%d")}). All else stays at {base}, voxels of {BASE["voxel"]} m. In brackets: the exponent, of the
-upper half of the range. Time over threads falls, as it should, with an exponent near −1.
+`make costs` renders a ball of smoke with one quantity changed at a time, {rounds} ({processor()}, {time.strftime("%Y-%m-%d")}).
+All else stays at {base}, voxels of {BASE["voxel"]} m (so that {around["voxels"]:,.0f} hold density). In brackets: the
+exponent, of the upper half of the range; −1 is the best there is over threads.
 
 | changed | range | advect | grid | render | memory |
 |---|---|---|---|---|---|
