@@ -140,48 +140,54 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Lines of sight from one place to voxels of a brick. They are followed side by side, since obstacles answer for many points at
-/// once in little more than the time for one.
+/// Lines of sight to voxels of a brick that are not known to be clear yet. They are followed side by side, since obstacles answer for
+/// many points at once in little more than the time for one.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
-    from: Sounding,
-    /// First voxel of the brick.
-    corner: DVec3,
     lines: Vec<Line>,
     points: Vec<DVec3>,
     metres: Vec<f64>,
 }
 
-/// A line of sight that is not known to be clear yet.
 #[derive(Debug, Clone, Copy)]
 struct Line {
-    number: usize,
+    from: DVec3,
     direction: DVec3,
     along: f64,
     /// From here on the voxel's own empty ball covers it.
     end: f64,
+    /// The voxel, and in which of the lists of seen voxels it belongs.
+    number: usize,
+    slot: usize,
 }
 
 impl Lines {
-    /// Lines from another place, to other voxels.
-    pub fn begin(&mut self, from: Sounding, brick: IVec3) {
-        self.from = from;
-        self.corner = (brick * BRICK_EDGE as i32).as_dvec3();
-        self.lines.clear();
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.lines.len()
     }
 
-    /// Adds the lines to the voxels of row `n` (y + 8·z) where `weights` is not 0 and no wall; `distances` are those of the row.
-    /// Lines that are seen to be clear at once are noted in `seen` instead.
+    /// Adds the lines from a place outside of walls to the voxels of row `n` (y + 8·z) of the brick whose first voxel is `corner`, where
+    /// `weights` is not 0 and no wall; `distances` are those of the row. Lines that are seen to be clear at once are noted in
+    /// `seen` instead, the list of number `slot`.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn add_row(&mut self, n: usize, weights: &[f64; BRICK_EDGE], distances: &[f32; BRICK_EDGE], seen: &mut Seen) {
-        let first = self.corner + DVec3::new(0.0, (n % BRICK_EDGE) as f64, (n / BRICK_EDGE) as f64) - self.from.place;
+    pub fn add_row(
+        &mut self,
+        from: Sounding,
+        corner: DVec3,
+        n: usize,
+        [weights, distances]: [&[f64; BRICK_EDGE]; 2],
+        slot: usize,
+        seen: &mut Seen,
+    ) {
+        let first = corner + DVec3::new(0.0, (n % BRICK_EDGE) as f64, (n / BRICK_EDGE) as f64) - from.place;
         let across = first.y * first.y + first.z * first.z;
         let (mut clear, mut unsure) = (0u64, 0u64);
         for x in 0..BRICK_EDGE {
-            let (dx, distance) = (first.x + x as f64, f64::from(distances[x]));
-            let reach = self.from.distance + distance;
-            let is_asked = (weights[x] > 0.0) & (distance > 0.0);
+            let dx = first.x + x as f64;
+            let reach = from.distance + distances[x];
+            let is_asked = (weights[x] > 0.0) & (distances[x] > 0.0);
             // The empty balls round both ends meet.
             let is_clear = dx * dx + across < reach * reach;
             clear |= u64::from(is_asked & is_clear) << x;
@@ -193,29 +199,27 @@ impl Lines {
             unsure &= unsure - 1;
             let step = first + DVec3::new(x as f64, 0.0, 0.0);
             let length = step.length();
-            let line = Line {
-                number: n * BRICK_EDGE + x,
+            self.lines.push(Line {
+                from: from.place,
                 direction: step / length.max(f64::MIN_POSITIVE),
-                along: self.from.distance.max(SIGHT_STEP),
-                end: length - f64::from(distances[x]),
-            };
-            self.lines.push(line);
+                along: from.distance.max(SIGHT_STEP),
+                end: length - distances[x],
+                number: n * BRICK_EDGE + x,
+                slot,
+            });
         }
     }
 }
 
 impl Sight<'_> {
-    /// Notes in `seen` the voxels that the lines reach: as [`Sight::is_clear`] of each.
-    pub fn follow(&self, lines: &mut Lines, seen: &mut Seen) {
-        let Lines { from, lines, points, metres, .. } = lines;
-        if from.distance < 0.0 {
-            return;
-        }
+    /// Follows all lines to their ends and notes those that get there in `seen`: as [`Sight::is_clear`] of each.
+    pub fn follow(&self, lines: &mut Lines, seen: &mut [Seen]) {
+        let Lines { lines, points, metres } = lines;
         loop {
             lines.retain(|line| {
                 let is_through = line.along >= line.end;
                 if is_through {
-                    seen[line.number / LAYER] |= 1 << (line.number % LAYER);
+                    seen[line.slot][line.number / LAYER] |= 1 << (line.number % LAYER);
                 }
                 !is_through
             });
@@ -223,7 +227,7 @@ impl Sight<'_> {
                 return;
             }
             points.clear();
-            points.extend(lines.iter().map(|l| (from.place + l.direction * l.along + 0.5) * self.voxel_size));
+            points.extend(lines.iter().map(|l| (l.from + l.direction * l.along + 0.5) * self.voxel_size));
             metres.resize(points.len(), 0.0);
             self.obstacles.distances(points, metres);
             let mut found = metres.iter().map(|d| d * self.inverse_voxel_size);
@@ -310,14 +314,18 @@ mod tests {
                 let t = f64::from(i);
                 let place = DVec3::new((t * 0.618).fract() * 9.0 - 1.0, (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
                 let from = sight.sound(place);
-                let mut seen = Seen::default();
-                lines.begin(from, brick);
-                (0..LAYER).for_each(|n| lines.add_row(n, &[1.0; BRICK_EDGE], &rows[n], &mut seen));
-                sight.follow(&mut lines, &mut seen);
+                let mut seen = [Seen::default()];
+                if from.distance >= 0.0 {
+                    for n in 0..LAYER {
+                        let row = rows[n].map(f64::from);
+                        lines.add_row(from, DVec3::ZERO, n, [&[1.0; BRICK_EDGE], &row], 0, &mut seen[0]);
+                    }
+                    sight.follow(&mut lines, &mut seen);
+                }
                 for (number, &distance) in distances.iter().enumerate() {
                     let to = Sounding { place: local_voxel(number).as_dvec3(), distance: f64::from(distance) };
                     let is_clear = from.distance >= 0.0 && distance > 0.0 && sight.is_clear(from, to);
-                    assert_eq!(seen[number / LAYER] >> (number % LAYER) & 1 == 1, is_clear, "{place} to {number}");
+                    assert_eq!(seen[0][number / LAYER] >> (number % LAYER) & 1 == 1, is_clear, "{place} to {number}");
                     found[usize::from(is_clear)] += 1;
                 }
             }

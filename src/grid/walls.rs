@@ -9,7 +9,7 @@ use crate::grid::streak::Streaks;
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS};
 use crate::math::lanes::{self, Batch, run_kernel};
 use crate::math::parallel;
-use glam::{DVec3, IVec3};
+use glam::IVec3;
 use std::ops::Range;
 
 /// A brick and its pairs, in the order of particles.
@@ -54,15 +54,18 @@ impl<'a> Walls<'a> {
         let mut kept: Vec<Option<f64>> = near.iter().map(|near| near.map(|_| 0.0)).collect();
         let near_of = |b: &BrickPairs, pair: u64| Some((b.particle(pair), near[b.particle(pair) - first]?));
         let measured = parallel::try_map(bricks.iter().zip(distances), |_, (b, distances)| {
-            let mut found = (Vec::new(), Vec::new());
-            let mut pass =
-                FirstPass { streaks, sight, brick: b.brick, lines: Lines::default(), kernel: Kernel::zeroed() };
-            for (i, own) in b.pairs.iter().filter_map(|&pair| near_of(b, pair)) {
-                let distances = distances.get_or_insert_with(|| sight.of_brick(b.brick));
-                let share = pass.look(i, own, distances, &mut found.1);
-                found.0.push(((i - first) as u32, share));
+            let near: Vec<(usize, Sounding)> = b.pairs.iter().filter_map(|&pair| near_of(b, pair)).collect();
+            if near.is_empty() {
+                return Ok::<_, std::convert::Infallible>((Vec::new(), Vec::new()));
             }
-            Ok::<_, std::convert::Infallible>(found)
+            let distances = distances.get_or_insert_with(|| sight.of_brick(b.brick));
+            let mut pass = FirstPass::new(streaks, sight, b.brick, distances);
+            near.iter().for_each(|&(i, own)| pass.look(i, own));
+            sight.follow(&mut pass.lines, &mut pass.seen);
+            let mut next = 0;
+            let shares: Vec<(u32, f64)> =
+                near.iter().map(|&(i, _)| ((i - first) as u32, pass.share(i, &mut next))).collect();
+            Ok((shares, pass.seen))
         });
         let Ok(measured) = measured;
         let mut seen = Vec::with_capacity(bricks.len());
@@ -111,51 +114,81 @@ fn soundings(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Vec<Optio
     near
 }
 
+/// Lines of sight that are followed together: enough to fill lanes, few enough to stay in the cache.
+const LINES: usize = 1024;
+
 /// The first pass over one brick.
 struct FirstPass<'a> {
     streaks: &'a Streaks<'a>,
     sight: &'a Sight<'a>,
     brick: IVec3,
+    distances: &'a BrickDistances,
+    /// Of each piece that reaches the brick.
+    seen: Vec<Seen>,
     lines: Lines,
     kernel: Kernel,
 }
 
-impl FirstPass<'_> {
-    /// Adds to `seen` what each piece of particle `i` sees of the brick; returns the share of the particle's weight in it.
-    fn look(&mut self, i: usize, own: Sounding, distances: &BrickDistances, seen: &mut Vec<Seen>) -> f64 {
+impl<'a> FirstPass<'a> {
+    fn new(streaks: &'a Streaks, sight: &'a Sight, brick: IVec3, distances: &'a BrickDistances) -> Self {
+        let (seen, lines, kernel) = (Vec::new(), Lines::default(), Kernel::zeroed());
+        Self { streaks, sight, brick, distances, seen, lines, kernel }
+    }
+
+    /// Adds what each piece of particle `i` sees of the brick, and the lines of sight that are yet to be followed.
+    fn look(&mut self, i: usize, own: Sounding) {
         let (radius, count) = (self.streaks.radius(i), self.streaks.piece_count(i));
-        let inverse_soft = 1.0 / self.sight.soft_radius(radius);
-        let mut share = 0.0;
         for k in 0..count {
             let center = self.streaks.center(i, k, count);
             if !touches(center, radius, self.brick) {
                 continue;
             }
             let from = if center == own.place { own } else { self.sight.sound(center) };
-            let mut of_piece = Seen::default();
+            let slot = self.seen.len();
+            let mut seen = Seen::default();
             // A piece behind a wall: the streak is straight and the particle's path went round.
             if self.sight.is_clear(own, from) {
-                self.lines.begin(from, self.brick);
-                let (kernel, lines, brick) = (&mut self.kernel, &mut self.lines, self.brick);
-                run_kernel(Ask { kernel, lines, center, radius, brick, distances, seen: &mut of_piece });
-                self.sight.follow(&mut self.lines, &mut of_piece);
-                let kernel = &self.kernel;
-                share += run_kernel(Share { kernel, brick, distances, inverse_soft, seen: &of_piece });
+                let Self { brick, distances, lines, kernel, .. } = self;
+                kernel.place(center, radius);
+                run_kernel(Ask { kernel, lines, from, brick: *brick, distances, slot, seen: &mut seen });
             }
-            seen.push(of_piece);
+            self.seen.push(seen);
+            if self.lines.len() >= LINES {
+                self.sight.follow(&mut self.lines, &mut self.seen);
+            }
+        }
+    }
+
+    /// The share of the weight of particle `i` that is seen of the brick, once all lines are followed. `next` is the number of its
+    /// first piece, and of the one after its last afterwards.
+    fn share(&mut self, i: usize, next: &mut usize) -> f64 {
+        let (radius, count) = (self.streaks.radius(i), self.streaks.piece_count(i));
+        let inverse_soft = 1.0 / self.sight.soft_radius(radius);
+        let mut share = 0.0;
+        for k in 0..count {
+            let center = self.streaks.center(i, k, count);
+            if touches(center, radius, self.brick) {
+                let seen = &self.seen[*next];
+                *next += 1;
+                if *seen != Seen::default() {
+                    self.kernel.place(center, radius);
+                    let Self { brick, distances, kernel, .. } = self;
+                    share += run_kernel(Share { kernel, brick: *brick, distances, inverse_soft, seen });
+                }
+            }
         }
         share / f64::from(count)
     }
 }
 
-/// Places a kernel and asks for lines of sight to its voxels.
+/// Asks for lines of sight to the voxels of a kernel.
 struct Ask<'a> {
-    kernel: &'a mut Kernel,
+    kernel: &'a Kernel,
     lines: &'a mut Lines,
-    center: DVec3,
-    radius: f64,
+    from: Sounding,
     brick: IVec3,
     distances: &'a BrickDistances,
+    slot: usize,
     seen: &'a mut Seen,
 }
 
@@ -163,15 +196,22 @@ impl lanes::Kernel for Ask<'_> {
     type Output = ();
 
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn run<L: Batch>(self, _: L) {
-        let Self { kernel, lines, center, radius, brick, distances, seen } = self;
-        kernel.place(center, radius);
+        let Self { kernel, lines, from, brick, distances, slot, seen } = self;
+        let corner = (brick * BRICK_EDGE as i32).as_dvec3();
         let (distances, _) = distances.as_chunks::<BRICK_EDGE>();
         kernel.for_each_row(
             brick,
             1.0,
             #[inline(always)]
-            |n, weights| lines.add_row(n, weights, &distances[n], seen),
+            |n, weights| {
+                let mut row = [0.0; BRICK_EDGE];
+                for x in 0..BRICK_EDGE {
+                    row[x] = f64::from(distances[n][x]);
+                }
+                lines.add_row(from, corner, n, [weights, &row], slot, seen);
+            },
         );
     }
 }
