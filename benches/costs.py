@@ -1,12 +1,14 @@
-"""What a frame costs: time and memory against particles, voxels, pixels, paths a pixel, optical depth and threads.
+"""What a frame costs: processor time and memory against particles, voxels, pixels, paths a pixel, optical depth and threads.
 
     make costs                                  # or, after `cargo build --release`:
     python3 benches/costs.py [--quick] [--record]
 
 A ball of smoke (radius 1 m, density 1 on average, stirred for half a second by three octaves of noise) on a floor in a sun and an even sky is
-rendered again and again, with one quantity changed at a time from the middle of its range. Figures are those of the sidecars, medians over
-rounds that go through all runs in turns, so that a busy machine slows all of them alike. Exponents are slopes of straight lines
-through the logarithms, of the upper half of each range, where constant costs no longer show.
+rendered again and again, with one quantity changed at a time from the middle of its range. Each frame is made twice, whole and as a
+picture of next to no pixels: the time of all processors that the second takes is what the smoke costs (advection and grid, and the program's
+start), and the difference is what light costs. Other programs change such times little, but they do: figures are medians over rounds that go
+through all runs in turns. Exponents are slopes of straight lines through the logarithms, of the upper half of each range, where constant
+costs no longer show.
 
 With --record the section and the plot in docs/performance.md are made anew. Needs nothing but Python; a quarter of an hour of an idle machine.
 """
@@ -19,7 +21,7 @@ import pathlib
 import statistics
 import time
 
-from reporting import ROOT, log_panels, processor, run, write_section
+from reporting import ROOT, log_panels, processor, run_timed, write_section
 
 OUT = ROOT / "out/costs"
 BEGIN, END = "<!-- costs: begin, written by benches/costs.py -->", "<!-- costs: end -->"
@@ -34,10 +36,9 @@ SWEEPS = {
     "threads": [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= os.cpu_count()],
 }
 QUICK = {"particles": [30_000, 100_000], "voxel": [0.04, 0.02], "pixels": [2_304, 9_216], "spp": [4, 16], "depth": [5.0, 20.0]}
-# Which numbers of a run are plotted against what, and which of them have an exponent.
-TIMES = ("advect", "grid", "render")
-NAMES = {"advect": "advect [s]", "grid": "grid [s]", "render": "render [s]", "memory": "memory [100 MiB]"}
-COLORS = {"advect": "#229954", "grid": "#2471a3", "render": "#c0392b", "memory": "#7d3c98"}
+TIMES = ("smoke", "light")
+NAMES = {"smoke": "smoke [s]", "light": "light [s]", "memory": "memory [100 MiB]"}
+COLORS = {"smoke": "#2471a3", "light": "#c0392b", "memory": "#7d3c98"}
 LABELS = {
     "particles": "particles",
     "voxel": "voxels that hold density",
@@ -73,17 +74,25 @@ def scene(v):
 
 
 def measure(args, v):
-    """The sidecar of a run."""
-    (OUT / "scene.yaml").write_text(json.dumps(scene(v), indent=2))
-    exr = OUT / "ball.####.exr"
-    run([args.binary, "render", OUT / "scene.yaml", "--frames", 13, "--threads", v["threads"], "-o", exr])
-    record = json.loads((OUT / "ball.0013.json").read_text())
-    figures = {name: max(record["seconds"].get(name, 0.0), 1e-4) for name in TIMES}
-    # In hundreds of mebibytes, so that it shares an axis with seconds.
-    figures["memory"] = record["memory_peak"] / 2.0**20 / 100.0
-    figures["voxels"] = record["grid"]["active_voxels"]
-    figures["grid_mib"] = record["grid"]["bytes"] / 2.0**20
-    return figures
+    """Figures of a frame."""
+
+    def render(v):
+        (OUT / "scene.yaml").write_text(json.dumps(scene(v), indent=2))
+        exr = OUT / "ball.####.exr"
+        command = [args.binary, "render", OUT / "scene.yaml", "--frames", 13, "--threads", v["threads"], "-o", exr]
+        seconds = run_timed(command)[2]
+        return seconds, json.loads((OUT / "ball.0013.json").read_text())
+
+    smoke, _ = render({**v, "pixels": 36, "spp": 1})
+    all_of_it, record = render(v)
+    return {
+        "smoke": smoke,
+        "light": max(all_of_it - smoke, 1e-3),
+        # In hundreds of mebibytes, so that it shares an axis with seconds.
+        "memory": record["memory_peak"] / 2.0**20 / 100.0,
+        "voxels": record["grid"]["active_voxels"],
+        "grid_mib": record["grid"]["bytes"] / 2.0**20,
+    }
 
 
 def slope(points):
@@ -98,7 +107,7 @@ def report(args, sweeps, curves, figures):
     rows = []
     for name in sweeps:
         first, last = (figures[name, sweeps[name][i]] for i in (0, -1))
-        x0, x1 = (curves[name]["grid"][i][0] for i in (0, -1))
+        x0, x1 = (curves[name]["smoke"][i][0] for i in (0, -1))
         cells = [f"{first[t]:.2f} to {last[t]:.2f} s ({slope(curves[name][t]):.2f})" for t in TIMES]
         memory = f"{100 * first['memory']:.0f} to {100 * last['memory']:.0f} MiB ({slope(curves[name]['memory']):.2f})"
         rows.append(f"| {LABELS[name]} | {x0:,.4g} to {x1:,.4g} | {' | '.join(cells)} | {memory} |")
@@ -117,10 +126,11 @@ def report(args, sweeps, curves, figures):
 
 `make costs` renders a ball of smoke with one quantity changed at a time, {rounds} ({processor()}, {time.strftime("%Y-%m-%d")}).
 All else stays at {base}, voxels of {BASE["voxel"]} m (so that {around["voxels"]:,.0f} hold density). In brackets: the
-exponent, of the upper half of the range; −1 is the best there is over threads.
+exponent, of the upper half of the range. Times are those of all processors together: over threads they would stay the same if nothing
+were lost by sharing work.
 
-| changed | range | advect | grid | render | memory |
-|---|---|---|---|---|---|
+| changed | range | smoke | light | memory |
+|---|---|---|---|---|
 {chr(10).join(rows)}
 
 A particle takes {of_particle:.0f} bytes of memory, a voxel that holds density {of_voxel:.1f} when the frame has most of it, of which {stored:.1f}

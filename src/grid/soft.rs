@@ -23,6 +23,9 @@ pub const SIGHT_STEP: f64 = 1.0 / 12.0;
 /// particle that sees the corner of one voxel through a crack must not put all its mass there.
 pub const SHARE_MIN: f64 = 1.0 / 64.0;
 
+/// How deep in a wall a particle may seem to be that is on it, by the rounding of single precision [voxels].
+const ROUNDING: f64 = 1.0 / 1024.0;
+
 /// Where obstacles are.
 pub trait ObstacleDistance: Sync + std::fmt::Debug {
     /// Sets `distances` to the signed distance [m] of each of `points` [m] to the nearest obstacle, negative inside;
@@ -87,6 +90,13 @@ impl<'a> Sight<'a> {
     #[inline(always)]
     pub fn soft_radius(&self, radius: f64) -> f64 {
         self.soft_radius.unwrap_or(radius)
+    }
+
+    /// As [`Sight::sound`] of a place that `distance` was found for and a particle is at: flows keep particles out of walls, but on
+    /// a wall rounding decides on which side they are.
+    pub fn sounding_of_particle(place: DVec3, distance: f64) -> Sounding {
+        let is_on_wall = (-ROUNDING..0.0).contains(&distance);
+        Sounding { place, distance: if is_on_wall { 0.0 } else { distance } }
     }
 
     /// The distances of many places at once.

@@ -106,8 +106,8 @@ fn soundings(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Vec<Optio
             let radius = streaks.radius(i);
             let reach = radius * 3f64.sqrt() + half_length.max(middle.distance(own));
             if streaks.has_mass(i) && distances[at] < reach + sight.soft_radius(radius) {
-                let is_same = own == middle;
-                *near = Some(if is_same { Sounding { place: own, distance: distances[at] } } else { sight.sound(own) });
+                let distance = if own == middle { distances[at] } else { sight.sound(own).distance };
+                *near = Some(Sight::sounding_of_particle(own, distance));
             }
         }
     });
