@@ -35,7 +35,13 @@ SWEEPS = {
     "depth": [1.25, 5.0, 20.0, 80.0, 320.0, 1280.0],
     "threads": [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= os.cpu_count()],
 }
-QUICK = {"particles": [30_000, 100_000], "voxel": [0.04, 0.02], "pixels": [2_304, 9_216], "spp": [4, 16], "depth": [5.0, 20.0]}
+QUICK = {
+    "particles": [30_000, 100_000, 300_000],
+    "voxel": [0.04, 0.02, 0.014],
+    "pixels": [2_304, 9_216, 36_864],
+    "spp": [4, 16, 64],
+    "depth": [1.25, 20.0, 320.0],
+}
 TIMES = ("smoke", "light")
 NAMES = {"smoke": "smoke [s]", "light": "light [s]", "memory": "memory [100 MiB]"}
 COLORS = {"smoke": "#2471a3", "light": "#c0392b", "memory": "#7d3c98"}
@@ -103,7 +109,7 @@ def slope(points):
     return sum((x - mx) * (y - my) for x, y in points) / spread if spread else float("nan")
 
 
-def report(args, sweeps, curves, figures):
+def report(args, base, sweeps, curves, figures):
     rows = []
     for name in sweeps:
         first, last = (figures[name, sweeps[name][i]] for i in (0, -1))
@@ -120,12 +126,12 @@ def report(args, sweeps, curves, figures):
     stored = (fine["grid_mib"] - coarse["grid_mib"]) * 2**20 / (fine["voxels"] - coarse["voxels"])
     around = figures["threads", sweeps["threads"][-1]]
     rounds = "once" if args.rounds == 1 else f"{args.rounds} rounds in turns"
-    base = ", ".join(f"{LABELS[k]} {v:,}" for k, v in BASE.items() if k != "voxel")
+    others = ", ".join(f"{LABELS[k]} {v:,}" for k, v in base.items() if k != "voxel")
     return f"""
 ### What a frame costs
 
 `make costs` renders a ball of smoke with one quantity changed at a time, {rounds} ({processor()}, {time.strftime("%Y-%m-%d")}).
-All else stays at {base}, voxels of {BASE["voxel"]} m (so that {around["voxels"]:,.0f} hold density). In brackets: the
+All else stays at {others}, voxels of {base["voxel"]} m (so that {around["voxels"]:,.0f} hold density). In brackets: the
 exponent, of the upper half of the range. Times are those of all processors together: over threads they would stay the same if nothing
 were lost by sharing work.
 
@@ -144,14 +150,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", type=pathlib.Path, default=ROOT / "target/release/curlsmoke", help="our program")
     parser.add_argument("--rounds", type=int, help="of each run (default 3)")
-    parser.add_argument("--quick", action="store_true", help="a trial: two small runs of each, one round")
+    parser.add_argument("--quick", action="store_true", help="a trial: three small runs of each, one round")
     parser.add_argument("--record", action="store_true", help="write docs/performance.md and its plot")
     args = parser.parse_args()
     args.rounds = max(args.rounds or (1 if args.quick else 3), 1)
     args.binary = args.binary.resolve()
     OUT.mkdir(parents=True, exist_ok=True)
     sweeps = {**SWEEPS, **QUICK} if args.quick else SWEEPS
-    base = {**BASE, **{name: values[-1] for name, values in QUICK.items()}} if args.quick else BASE
+    base = {**BASE, **{name: values[1] for name, values in QUICK.items()}} if args.quick else BASE
     runs = {}
     for turn in range(args.rounds):
         for name, values in sweeps.items():
@@ -165,7 +171,7 @@ def main():
     for name, values in sweeps.items():
         x = lambda value: figures[name, value]["voxels"] if name == "voxel" else value
         curves[name] = {k: [(x(v), figures[name, v][k]) for v in values] for k in NAMES}
-    text = report(args, sweeps, curves, figures)
+    text = report(args, base, sweeps, curves, figures)
     print(text)
     svg = log_panels({LABELS[name]: c for name, c in curves.items()}, NAMES, COLORS, columns=3)
     if args.record:
