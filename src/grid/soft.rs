@@ -326,8 +326,8 @@ mod tests {
                 let from = sight.sound(place);
                 let mut seen = [Seen::default()];
                 if from.distance >= 0.0 {
-                    for n in 0..LAYER {
-                        let row = rows[n].map(f64::from);
+                    for (n, row) in rows.iter().enumerate() {
+                        let row = row.map(f64::from);
                         lines.add_row(from, DVec3::ZERO, n, [&[1.0; BRICK_EDGE], &row], 0, &mut seen[0]);
                     }
                     sight.follow(&mut lines, &mut seen);

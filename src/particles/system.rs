@@ -393,8 +393,9 @@ impl Cloud {
     /// Removes particles whose life is over at `time` [s]; the others keep their order.
     fn bury(&mut self, time: f64) {
         let is_over = |i: &usize| time - self.birth[*i] >= f64::from(self.lifetime[*i]);
-        let Some(mut kept) = (0..self.index.len()).find(is_over) else { return };
-        for i in kept..self.index.len() {
+        let Some(first_over) = (0..self.index.len()).find(is_over) else { return };
+        let mut kept = first_over;
+        for i in first_over..self.index.len() {
             if time - self.birth[i] < f64::from(self.lifetime[i]) {
                 self.position.iter_mut().for_each(|a| a[kept] = a[i]);
                 self.iso_values.iter_mut().filter(|a| !a.is_empty()).for_each(|a| a[kept] = a[i]);
