@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers
+.PHONY: plume test gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers costs
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -38,6 +38,9 @@ gallery:
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 48 --resolution 640x360 --spp 256 --resume || exit 1; \
 		cp out/$$scene.0048.png docs/gallery/$$scene.png; \
 	done
+
+	$(CURLSMOKE) render scenes/skein.yaml --resume
+	cp out/skein.0001.png docs/gallery/skein.png
 
 # The pictures of docs/flow.md.
 flow-pictures:
@@ -83,3 +86,10 @@ peers:
 	./bootstrap.sh
 	cargo build --release --bin curlsmoke
 	python3 benches/peers.py --record
+
+# What a frame costs against particles, voxels, pixels, paths, optical depth and threads, with the section and the plot of
+# docs/performance.md: a quarter of an hour of all processors, kept idle else.
+costs:
+	./bootstrap.sh
+	cargo build --release --bin curlsmoke
+	python3 benches/costs.py --record

@@ -26,7 +26,8 @@ import subprocess
 import sys
 import time
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+from reporting import ROOT, log_panels, processor, run, write_section
+
 OUT = ROOT / "out/peers"
 HERE = ROOT / "benches/peer_renderers"
 PACKAGES = {
@@ -67,27 +68,6 @@ def install(name):
         lines = done.stderr.strip().splitlines()
         print(f"left out: {NAMES[name]}, {PACKAGES[name][0]} does not install: {lines[-1] if lines else ''}")
     return done.returncode == 0
-
-
-def run(command, env=None):
-    """Runs a program; its output, and the most memory that it had [MiB]."""
-    env = {**os.environ, **(env or {})}
-    words = [str(c) for c in command]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
-    peak = 0
-    while True:
-        try:
-            out, err = process.communicate(timeout=0.02)
-            break
-        except subprocess.TimeoutExpired:
-            try:
-                status = pathlib.Path(f"/proc/{process.pid}/status").read_text()
-                peak = max(peak, *(int(l.split()[1]) for l in status.splitlines() if l.startswith("VmHWM")), 0)
-            except (OSError, TypeError):
-                pass
-    if process.returncode:
-        raise RuntimeError((err.strip().splitlines() or [f"exit code {process.returncode}"])[-1])
-    return out, peak / 1024.0
 
 
 class Ours:
@@ -251,36 +231,7 @@ COLORS = {"ours": "#c0392b", "baseline": "#7f8c8d", "mitsuba": "#2471a3", "cycle
 
 def plot(all_curves):
     """Error against time, both logarithmic, a panel for each scene."""
-    width, height, gap = 300, 260, 60
-    size = (gap + (width + gap) * len(all_curves), height + 2 * gap)
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]} {size[1]}" font-family="sans-serif" font-size="11">']
-    parts.append(f'<rect width="{size[0]}" height="{size[1]}" fill="white"/>')
-    for panel, (name, curves) in enumerate(all_curves.items()):
-        points = [p for curve in curves.values() for p in curve]
-        low, high = ([f(math.log10(p[a]) for p in points) + sign * 0.1 for a in range(2)] for f, sign in ((min, -1), (max, 1)))
-        x0, y0 = gap + panel * (width + gap), gap
-        at = lambda p: (
-            x0 + width * (math.log10(p[0]) - low[0]) / (high[0] - low[0]),
-            y0 + height * (high[1] - math.log10(p[1])) / (high[1] - low[1]),
-        )
-        parts.append(f'<text x="{x0}" y="{y0 - 12}" font-weight="bold">{name}: relative error against seconds</text>')
-        parts.append(f'<rect x="{x0}" y="{y0}" width="{width}" height="{height}" fill="none" stroke="#888"/>')
-        for axis in range(2):
-            for tick in (d * 10.0**e for e in range(-6, 6) for d in (1, 2, 5)):
-                if low[axis] < math.log10(tick) < high[axis]:
-                    x, y = at([(tick, 10.0 ** low[1]), (10.0 ** low[0], tick)][axis])
-                    line = (x, y, x, y - height) if axis == 0 else (x, y, x + width, y)
-                    parts.append('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" stroke="#ddd"/>'.format(*line))
-                    place = (x, y + 14, "middle") if axis == 0 else (x - 4, y + 4, "end")
-                    parts.append('<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{:g}</text>'.format(*place, tick))
-        for kind, curve in curves.items():
-            dots = [at(p) for p in curve]
-            line = " ".join(f"{x:.1f},{y:.1f}" for x, y in dots)
-            parts.append(f'<polyline points="{line}" fill="none" stroke="{COLORS[kind]}" stroke-width="2"/>')
-            parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{COLORS[kind]}"/>' for x, y in dots]
-            x, y = dots[0]
-            parts.append(f'<text x="{x + 6:.1f}" y="{y - 4:.1f}" fill="{COLORS[kind]}">{NAMES[kind]}</text>')
-    return "\n".join([*parts, "</svg>", ""])
+    return log_panels({f"{name}: relative error against seconds": c for name, c in all_curves.items()}, NAMES, COLORS)
 
 
 def main():
@@ -321,16 +272,12 @@ def main():
     if args.record:
         (ROOT / "docs/performance").mkdir(exist_ok=True)
         (ROOT / "docs/performance/peers.svg").write_text(plot(curves))
-        page = ROOT / "docs/performance.md"
-        before, _, rest = page.read_text().partition(BEGIN)
-        after = rest.partition(END)[2] or "\n"
-        page.write_text(before.rstrip("\n") + "\n\n" + BEGIN + "\n" + text + END + after)
+        write_section(ROOT / "docs/performance.md", BEGIN, END, text)
     else:
         (OUT / "peers.svg").write_text(plot(curves))
 
 
 def report(args, scenes, rows, seen, d):
-    model = [line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
     what = "\n".join(
         f"- `{name}`: {scenes[name]['what']}; {scenes[name]['size'][0]} × {scenes[name]['size'][1]} pixels."
         for name in args.scenes.split(",")
@@ -339,7 +286,7 @@ def report(args, scenes, rows, seen, d):
 ### Light, ours and others'
 
 `make peers` renders the same voxels ({" × ".join(map(str, d.shape))}, {100.0 * (d == 0).mean():.0f} % of them empty) with others in turns, {args.rounds} pictures of each with
-{args.threads} threads ({model[0] if model else "processor unknown"}, {time.strftime("%Y-%m-%d")}): {"; ".join(seen.values())}.
+{args.threads} threads ({processor()}, {time.strftime("%Y-%m-%d")}): {"; ".join(seen.values())}.
 
 {what}
 

@@ -1,7 +1,7 @@
 //! Properties of density grids: bounds that bound, walks that end, reads that agree with the definition.
 
 use curlsmoke::grid::majorant::{CellEdge, MajorantGrid, MajorantIterator};
-use curlsmoke::grid::splat::{SplatInput, SplatSettings, splat};
+use curlsmoke::grid::splat::{SplatInput, SplatSettings, SplatSum, splat};
 use curlsmoke::grid::{DensityGrid, GridError};
 use curlsmoke::math::hash::{CounterRng, Seed};
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
@@ -211,6 +211,17 @@ impl Cloud {
         }
     }
 
+    /// Those of a range.
+    fn part(&self, range: std::ops::Range<usize>) -> SplatInput<'_> {
+        SplatInput {
+            position: self.position.each_ref().map(|x| &x[range.clone()]),
+            velocity: self.velocity.each_ref().map(|x| &x[range.clone()]),
+            mass: &self.mass[range.clone()],
+            radius: &self.radius[range],
+            obstacles: None,
+        }
+    }
+
     fn total_mass(&self) -> f64 {
         self.mass.iter().map(|&m| f64::from(m)).sum()
     }
@@ -250,6 +261,33 @@ fn a_splat_has_the_same_bits_on_any_number_of_threads() {
             );
         }
     }
+}
+
+#[test]
+fn particles_added_some_at_a_time_are_the_same_bits_and_numbered_on() {
+    let mut cloud = Cloud::new(30_000, 0.5, 0.05, 5.0);
+    let settings = settings(0.02, [-0.01, 0.02]);
+    let whole = splat(&cloud.input(), &settings).expect("in range");
+    for size in [1_777, 29_999] {
+        let mut sum = SplatSum::try_new(settings).expect("a size");
+        (0..30_000).step_by(size).for_each(|i| sum.add(&cloud.part(i..30_000.min(i + size))).expect("in range"));
+        assert!(sum.finish().expect("within the limit") == whole, "{size} at a time");
+    }
+    cloud.mass[20_003] = f32::NAN;
+    let mut sum = SplatSum::try_new(settings).expect("a size");
+    sum.add(&cloud.part(0..20_000)).expect("in range");
+    let error = sum.add(&cloud.part(20_000..30_000)).expect_err("a bad mass");
+    assert!(matches!(error, GridError::BadParticle { particle_idx: 20_003, .. }), "{error}");
+}
+
+#[test]
+fn a_grid_that_outgrows_the_limit_is_refused_while_particles_are_added() {
+    let cloud = Cloud::new(20_000, 5.0, 0.05, 0.0);
+    let settings = SplatSettings { memory_limit_bytes: 64 << 20, ..settings(0.02, [0.0, 0.0]) };
+    let mut sum = SplatSum::try_new(settings).expect("a size");
+    let refused = (0..20_000).step_by(1_000).find_map(|i| sum.add(&cloud.part(i..i + 1_000)).err());
+    let Some(GridError::OverMemory { needed_bytes, brick_count, .. }) = refused else { panic!("{refused:?}") };
+    assert!(needed_bytes > 64 << 20 && brick_count > 1_000, "{needed_bytes} {brick_count}");
 }
 
 #[test]

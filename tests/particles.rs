@@ -14,7 +14,7 @@ use curlsmoke::math::space::Similarity;
 use curlsmoke::particles::advect::{CLASSICAL, EULER, MIDPOINT, Scheme};
 use curlsmoke::particles::emit::{Emitter, Place, Schedule};
 use curlsmoke::particles::system::{KernelSize, TimeGrid};
-use curlsmoke::particles::{ParticleSystem, ParticlesError};
+use curlsmoke::particles::{ParticleSystem, Particles, ParticlesError};
 use curlsmoke::progress::{Progress, Silent};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -92,6 +92,32 @@ fn a_frame_alone_equals_the_same_frame_of_a_sequence_to_the_bit() {
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let alone = one_thread.install(|| system(2000.0, CLASSICAL, 2).at_frame(40, &Silent).unwrap().clone());
     assert!(alone == *sequence.at_frame(40, &Silent).unwrap(), "on one thread");
+}
+
+#[test]
+fn batches_carried_from_birth_are_the_same_particles_to_the_bit() {
+    let mut whole = system(2000.0, CLASSICAL, 2);
+    let mut batched = system(2000.0, CLASSICAL, 2);
+    for (frame, batch) in [(40, 300), (3, 97), (1, 100_000)] {
+        let expected = whole.at_frame(frame, &Silent).unwrap().clone();
+        let mut found = Particles::default();
+        let mut visit = |particles: &Particles| {
+            assert!(particles.len() as u64 <= batch && !particles.is_empty());
+            let Particles { position, velocity, mass, radius, age, id } = particles;
+            found.position.iter_mut().zip(position).for_each(|(all, some)| all.extend(some));
+            found.velocity.iter_mut().zip(velocity).for_each(|(all, some)| all.extend(some));
+            found.mass.extend(mass);
+            found.radius.extend(radius);
+            found.age.extend(age);
+            found.id.extend(id);
+            Ok::<_, ParticlesError>(())
+        };
+        batched.visit_batches(frame, batch, &Silent, &mut visit).unwrap();
+        assert!(found == expected && found.len() > 500, "frame {frame}, {batch} at a time");
+        assert!(batched.particles().is_empty());
+    }
+    let stop = |_: &Particles| Err(ParticlesError::Cancelled);
+    assert!(matches!(batched.visit_batches(3, 97, &Silent, &mut { stop }), Err(ParticlesError::Cancelled)));
 }
 
 #[test]

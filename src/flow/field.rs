@@ -11,6 +11,7 @@ use crate::flow::source::{Source, SourceSpan};
 use crate::flow::walls::{NOTICE, NearWalls};
 use crate::geometry::motion::RigidSpan;
 use crate::math::jet::Scalar;
+use crate::math::lanes::{Batch, Kernel, run_kernel};
 use crate::math::real::{Lane, triple};
 use glam::DVec3;
 
@@ -220,6 +221,15 @@ impl FieldSpan<'_> {
         least
     }
 
+    /// As [`FieldSpan::distance`] of many points, in single precision where this processor has lanes for it.
+    ///
+    /// # Panics
+    /// Where the slices differ in length.
+    pub fn distances(&self, points: &[DVec3], phase: f64, distances: &mut [f64]) {
+        assert_eq!(points.len(), distances.len());
+        run_kernel(Distances { span: self, points, phase, distances });
+    }
+
     /// Velocity of the closest wall [m/s] at `p` [m]; 0 where it is at rest, or without obstacles.
     pub fn wall_velocity(&self, p: [f64; 3], phase: f64) -> [f64; 3] {
         let distances = self.field.obstacles.iter().zip(&self.motions);
@@ -227,5 +237,32 @@ impl FieldSpan<'_> {
             .map(|(obstacle, motion)| (obstacle.distance(motion.as_ref(), p, phase), motion))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         closest.and_then(|(_, motion)| *motion).map_or([0.0; 3], |motion| motion.velocity_at(p, phase))
+    }
+}
+
+struct Distances<'a, 'b> {
+    span: &'a FieldSpan<'b>,
+    points: &'a [DVec3],
+    phase: f64,
+    distances: &'a mut [f64],
+}
+
+impl Kernel for Distances<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Batch>(self, zero: L) {
+        let (span, phase) = (self.span, zero.lit(self.phase));
+        for start in (0..self.points.len()).step_by(L::WIDTH) {
+            let count = L::WIDTH.min(self.points.len() - start);
+            let p = triple!(axis => zero.gather(|lane| self.points[start + lane.min(count - 1)][axis]));
+            let mut least = zero.lit(f64::INFINITY);
+            for (obstacle, motion) in span.field.obstacles.iter().zip(&span.motions) {
+                least = least.min(obstacle.distance(motion.as_ref(), p, phase));
+            }
+            for lane in 0..count {
+                self.distances[start + lane] = least.lane(lane);
+            }
+        }
     }
 }

@@ -13,7 +13,9 @@ pub mod lookup;
 pub mod majorant;
 pub mod soft;
 pub mod splat;
+mod streak;
 pub mod vdb;
+mod walls;
 
 use crate::math::aabb::Aabb;
 use crate::math::lattice::Lattice;

@@ -10,12 +10,21 @@
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS, local_voxel};
 use glam::{DVec3, IVec3};
 
+/// Voxels of a layer of a brick.
+const LAYER: usize = BRICK_EDGE * BRICK_EDGE;
+/// A bit for each voxel of a brick, a word for each layer.
+pub(crate) type Seen = [u64; BRICK_EDGE];
+const _: () = assert!(LAYER == u64::BITS as usize);
+
 /// The least step along a line of sight [voxels]. A plate thicker than this is never stepped over. Lines that run along
 /// a wall closer than this take the most steps.
 pub const SIGHT_STEP: f64 = 1.0 / 12.0;
 /// The least share of a particle that is blown up to the whole. Of less, every voxel gets its weight over this much: a
 /// particle that sees the corner of one voxel through a crack must not put all its mass there.
 pub const SHARE_MIN: f64 = 1.0 / 64.0;
+
+/// How deep in a wall a particle may seem to be that is on it, by the rounding of single precision [voxels].
+const ROUNDING: f64 = 1.0 / 1024.0;
 
 /// Where obstacles are.
 pub trait ObstacleDistance: Sync + std::fmt::Debug {
@@ -43,7 +52,7 @@ pub(crate) type BrickDistances = [f32; BRICK_VOXELS];
 
 /// The share of its weight that a kernel keeps at a distance from the wall of `t` times the soft radius: `1 − (1 − t)⁴`
 /// from 0 on the wall and inside to 1 from t = 1 on, with three continuous derivatives there.
-#[inline]
+#[inline(always)]
 pub fn fade(t: f64) -> f64 {
     let s = 1.0 - t.clamp(0.0, 1.0);
     1.0 - (s * s) * (s * s)
@@ -55,7 +64,7 @@ pub(crate) fn gain(kept: f64) -> f64 {
 }
 
 /// A place with its distance to the nearest wall.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sounding {
     pub place: DVec3,
     pub distance: f64,
@@ -67,11 +76,36 @@ pub(crate) struct Sight<'a> {
     obstacles: &'a dyn ObstacleDistance,
     voxel_size: f64,
     inverse_voxel_size: f64,
+    soft_radius: Option<f64>,
 }
 
 impl<'a> Sight<'a> {
-    pub fn new(obstacles: &'a dyn ObstacleDistance, voxel_size: f64) -> Self {
-        Self { obstacles, voxel_size, inverse_voxel_size: 1.0 / voxel_size }
+    /// `soft_radius` [m] is where kernels begin to fade; their own radius where `None`.
+    pub fn new(obstacles: &'a dyn ObstacleDistance, voxel_size: f64, soft_radius: Option<f64>) -> Self {
+        let inverse_voxel_size = 1.0 / voxel_size;
+        Self { obstacles, voxel_size, inverse_voxel_size, soft_radius: soft_radius.map(|r| r * inverse_voxel_size) }
+    }
+
+    /// The distance at which a kernel of `radius` begins to fade.
+    #[inline(always)]
+    pub fn soft_radius(&self, radius: f64) -> f64 {
+        self.soft_radius.unwrap_or(radius)
+    }
+
+    /// As [`Sight::sound`] of a place that `distance` was found for and a particle is at: flows keep particles out of walls, but on
+    /// a wall rounding decides on which side they are.
+    pub fn sounding_of_particle(place: DVec3, distance: f64) -> Sounding {
+        let is_on_wall = (-ROUNDING..0.0).contains(&distance);
+        Sounding { place, distance: if is_on_wall { 0.0 } else { distance } }
+    }
+
+    /// The distances of many places at once.
+    pub fn sound_all(&self, places: &[DVec3]) -> Vec<f64> {
+        let points: Vec<DVec3> = places.iter().map(|&place| (place + 0.5) * self.voxel_size).collect();
+        let mut distances = vec![0.0; places.len()];
+        self.obstacles.distances(&points, &mut distances);
+        distances.iter_mut().for_each(|d| *d *= self.inverse_voxel_size);
+        distances
     }
 
     pub fn sound(&self, place: DVec3) -> Sounding {
@@ -116,6 +150,125 @@ impl<'a> Sight<'a> {
     }
 }
 
+/// Lines of sight to voxels of a brick that are not known to be clear yet. They are followed side by side, since obstacles answer for
+/// many points at once in little more than the time for one.
+#[derive(Debug, Default)]
+pub(crate) struct Lines {
+    lines: Vec<Line>,
+    points: Vec<DVec3>,
+    metres: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    from: DVec3,
+    direction: DVec3,
+    along: f64,
+    /// From here on the voxel's own empty ball covers it.
+    end: f64,
+    /// The voxel, and in which of the lists of seen voxels it belongs.
+    number: usize,
+    slot: usize,
+}
+
+impl Lines {
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.lines.len()
+    }
+
+    /// Adds the lines from a place outside of walls to the voxels of row `n` (y + 8·z) of the brick whose first voxel is `corner`, where
+    /// `weights` is not 0 and no wall; `distances` are those of the row. Lines that are seen to be clear at once are noted in
+    /// `seen` instead, the list of number `slot`.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    pub fn add_row(
+        &mut self,
+        from: Sounding,
+        corner: DVec3,
+        n: usize,
+        [weights, distances]: [&[f64; BRICK_EDGE]; 2],
+        slot: usize,
+        seen: &mut Seen,
+    ) {
+        let first = corner + DVec3::new(0.0, (n % BRICK_EDGE) as f64, (n / BRICK_EDGE) as f64) - from.place;
+        let across = first.y * first.y + first.z * first.z;
+        let (mut clear, mut unsure) = (0u64, 0u64);
+        for x in 0..BRICK_EDGE {
+            let dx = first.x + x as f64;
+            let reach = from.distance + distances[x];
+            let is_asked = (weights[x] > 0.0) & (distances[x] > 0.0);
+            // The empty balls round both ends meet.
+            let is_clear = dx * dx + across < reach * reach;
+            clear |= u64::from(is_asked & is_clear) << x;
+            unsure |= u64::from(is_asked & !is_clear) << x;
+        }
+        seen[n / BRICK_EDGE] |= clear << (BRICK_EDGE * (n % BRICK_EDGE));
+        while unsure != 0 {
+            let x = unsure.trailing_zeros() as usize;
+            unsure &= unsure - 1;
+            let step = first + DVec3::new(x as f64, 0.0, 0.0);
+            let length = step.length();
+            self.lines.push(Line {
+                from: from.place,
+                direction: step / length.max(f64::MIN_POSITIVE),
+                along: from.distance.max(SIGHT_STEP),
+                end: length - distances[x],
+                number: n * BRICK_EDGE + x,
+                slot,
+            });
+        }
+    }
+}
+
+impl Sight<'_> {
+    /// Follows all lines to their ends and notes those that get there in `seen`: as [`Sight::is_clear`] of each.
+    pub fn follow(&self, lines: &mut Lines, seen: &mut [Seen]) {
+        let Lines { lines, points, metres } = lines;
+        loop {
+            lines.retain(|line| {
+                let is_through = line.along >= line.end;
+                if is_through {
+                    seen[line.slot][line.number / LAYER] |= 1 << (line.number % LAYER);
+                }
+                !is_through
+            });
+            if lines.is_empty() {
+                return;
+            }
+            points.clear();
+            points.extend(lines.iter().map(|l| (l.from + l.direction * l.along + 0.5) * self.voxel_size));
+            metres.resize(points.len(), 0.0);
+            self.obstacles.distances(points, metres);
+            let mut found = metres.iter().map(|d| d * self.inverse_voxel_size);
+            lines.retain_mut(|line| {
+                let distance = found.next().unwrap_or_default();
+                line.along += distance.max(SIGHT_STEP);
+                distance >= 0.0
+            });
+        }
+    }
+}
+
+/// `weights` of the voxels of row `n` that are seen, faded; 0 of others.
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+pub(crate) fn faded_row(
+    n: usize,
+    weights: &[f64; BRICK_EDGE],
+    distances: &[f32; BRICK_EDGE],
+    inverse_soft: f64,
+    seen: &Seen,
+) -> [f64; BRICK_EDGE] {
+    let bits = seen[n / BRICK_EDGE] >> (BRICK_EDGE * (n % BRICK_EDGE));
+    let mut left = [0.0; BRICK_EDGE];
+    for x in 0..BRICK_EDGE {
+        let kept = weights[x] * fade(f64::from(distances[x]) * inverse_soft);
+        left[x] = if bits >> x & 1 == 1 { kept } else { 0.0 };
+    }
+    left
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -145,7 +298,7 @@ mod tests {
     fn no_line_of_sight_goes_through_a_plate() {
         for thickness in [1.01 * SIGHT_STEP, 0.1, 3.0] {
             let plate = Plate(0.5, 0.5 + 0.02 * thickness);
-            let sight = Sight::new(&plate, 0.02);
+            let sight = Sight::new(&plate, 0.02, None);
             for i in 0..2000 {
                 let t = f64::from(i);
                 let near = DVec3::new(24.5 - 6.0 * (t * 0.618).fract(), (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
@@ -159,9 +312,41 @@ mod tests {
     }
 
     #[test]
+    fn lines_followed_together_reach_what_each_reaches_alone() {
+        let mut found = [0, 0];
+        for (thickness, shift) in [(0.3, 0.0), (1.0, 2.2), (2.0, 5.0)] {
+            let plate = Plate(0.02 * shift, 0.02 * (shift + thickness));
+            let sight = Sight::new(&plate, 0.02, None);
+            let (brick, mut lines) = (IVec3::ZERO, Lines::default());
+            let distances = sight.of_brick(brick);
+            let (rows, _) = distances.as_chunks::<BRICK_EDGE>();
+            for i in 0..200 {
+                let t = f64::from(i);
+                let place = DVec3::new((t * 0.618).fract() * 9.0 - 1.0, (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
+                let from = sight.sound(place);
+                let mut seen = [Seen::default()];
+                if from.distance >= 0.0 {
+                    for (n, row) in rows.iter().enumerate() {
+                        let row = row.map(f64::from);
+                        lines.add_row(from, DVec3::ZERO, n, [&[1.0; BRICK_EDGE], &row], 0, &mut seen[0]);
+                    }
+                    sight.follow(&mut lines, &mut seen);
+                }
+                for (number, &distance) in distances.iter().enumerate() {
+                    let to = Sounding { place: local_voxel(number).as_dvec3(), distance: f64::from(distance) };
+                    let is_clear = from.distance >= 0.0 && distance > 0.0 && sight.is_clear(from, to);
+                    assert_eq!(seen[0][number / LAYER] >> (number % LAYER) & 1 == 1, is_clear, "{place} to {number}");
+                    found[usize::from(is_clear)] += 1;
+                }
+            }
+        }
+        assert!(found.iter().all(|&n| n > 10_000), "{found:?}");
+    }
+
+    #[test]
     fn a_brick_has_the_distances_of_its_voxels() {
         let plate = Plate(0.1, 0.3);
-        let sight = Sight::new(&plate, 0.05);
+        let sight = Sight::new(&plate, 0.05, None);
         let brick = IVec3::new(-1, 2, 0);
         let distances = sight.of_brick(brick);
         for (i, &d) in distances.iter().enumerate() {

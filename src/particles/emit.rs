@@ -192,6 +192,14 @@ impl Emitter {
         (time < self.stop).then_some(time)
     }
 
+    /// A time [s] before which neither particle `index` nor any after it is born.
+    pub fn earliest_birth(&self, index: u64) -> f64 {
+        match self.schedule {
+            Schedule::Rate(rate) if rate > 0.0 => self.start + index as f64 / rate,
+            Schedule::Rate(_) | Schedule::Count(_) => self.start,
+        }
+    }
+
     /// How particle `index` begins.
     pub fn birth(&self, index: u64) -> Option<Birth> {
         let time = self.birth_time(index)?;

@@ -12,7 +12,7 @@ use crate::math::hash::Seed;
 use crate::particles::advect::{CLASSICAL, EULER, MIDPOINT};
 use crate::particles::emit::{Emitter, Place, Schedule, Surface};
 use crate::particles::system::{KernelSize, TimeGrid};
-use crate::scene::footprint::{PARTICLE_BYTES, live_count};
+use crate::scene::footprint::{PARTICLE_BYTES, held_count, live_count};
 use crate::scene::settings::{self, Integrator};
 use crate::scene::{Scene, settings::Settings};
 use glam::DVec3;
@@ -66,10 +66,10 @@ impl Particles {
 pub enum ParticlesError {
     /// More memory than allowed.
     #[error(
-        "up to {count:.0} particles live at once, which takes {needed_gib:.2} GiB; the limit is {limit_gib} GiB: lower the rate, count or lifetime of smoke.emitters, or raise render.memory_limit_gib"
+        "up to {count:.0} particles are held at once, which takes {needed_gib:.2} GiB; the limit is {limit_gib} GiB: lower the rate, count or lifetime of smoke.emitters, set smoke.advect.batch, or raise render.memory_limit_gib"
     )]
     OverMemoryLimit {
-        /// Most particles alive at once.
+        /// Most particles held at once.
         count: f64,
         /// Memory for them [GiB].
         needed_gib: f64,
@@ -109,7 +109,7 @@ impl ParticleSystem {
         let settings = &scene.settings;
         let smoke = settings.smoke.as_ref().ok_or(ParticlesError::NoEmitters)?;
         let grid = smoke.grid.as_ref().ok_or(ParticlesError::NoEmitters)?;
-        check_memory(settings, &smoke.emitters)?;
+        check_memory(settings, smoke)?;
         let seed = Seed(settings.smoke_seed()).derive(PARTICLE_KEYS);
         let emitters = smoke.emitters.iter().enumerate();
         let emitters = emitters
@@ -129,9 +129,10 @@ impl ParticleSystem {
     }
 }
 
-fn check_memory(settings: &Settings, emitters: &[settings::Emitter]) -> Result<(), ParticlesError> {
+fn check_memory(settings: &Settings, smoke: &settings::Smoke) -> Result<(), ParticlesError> {
     const GIB: f64 = (1u64 << 30) as f64;
-    let count = emitters.iter().map(|e| live_count(e, &settings.frames)).sum::<f64>();
+    let count = smoke.emitters.iter().map(|e| live_count(e, &settings.frames)).sum::<f64>();
+    let count = held_count(count, &smoke.advect);
     let needed_gib = count * PARTICLE_BYTES / GIB;
     let limit_gib = settings.render.memory_limit_gib;
     if needed_gib > limit_gib {

@@ -1,15 +1,18 @@
 //! All particles of a scene, carried from step to step of the global time grid.
 //!
 //! A particle's path depends on nothing but its own birth and the field, so a frame computed alone (from the oldest
-//! particle that may still live) is the same to the last bit as at the end of a sequence.
+//! particle that may still live) is the same to the last bit as at the end of a sequence. So is one that is computed some
+//! particles at a time, each batch carried from its birth and forgotten.
 
 use crate::flow::field::VelocityField;
 use crate::flow::kind::{Flow, FlowSpan};
+use crate::math::parallel;
 use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
 use crate::particles::emit::{Birth, Emitter};
 use crate::particles::follow::{IsoValues, Stride, follow, velocities};
 use crate::particles::{Particles, ParticlesError};
 use crate::progress::{Progress, Stage};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Bits of an identity that hold the index within its emitter.
@@ -55,6 +58,30 @@ pub struct KernelSize {
     pub initial_radius: f64,
     /// [m/√s].
     pub expansion: f64,
+}
+
+impl KernelSize {
+    fn radius(&self, age: f32) -> f32 {
+        (self.initial_radius.powi(2) + self.expansion.powi(2) * f64::from(age)).sqrt() as f32
+    }
+}
+
+/// Some of the particles of an emitter, carried without all others.
+#[derive(Debug, Clone)]
+struct Window {
+    emitter_idx: usize,
+    indices: Range<u64>,
+}
+
+impl Window {
+    /// Those of an emitter's candidates that are in the window.
+    fn part_of(&self, emitter_idx: usize, candidates: Range<u64>) -> Range<u64> {
+        if emitter_idx != self.emitter_idx {
+            return 0..0;
+        }
+        let start = candidates.start.max(self.indices.start);
+        start..candidates.end.min(self.indices.end).max(start)
+    }
 }
 
 /// The particles of one emitter, in the order of their indices.
@@ -118,6 +145,11 @@ impl ParticleSystem {
         &self.flow
     }
 
+    /// The same to keep while particles are carried.
+    pub fn shared_flow(&self) -> Arc<Flow> {
+        self.flow.clone()
+    }
+
     /// A field with the walls of the flow.
     pub fn walls(&self) -> &VelocityField {
         self.flow.walls()
@@ -176,24 +208,81 @@ impl ParticleSystem {
             }
         };
         progress.begin(Stage::Advect, self.expected_work(step, target));
+        let carried = self.carry(&mut step, target, None, progress);
+        self.step = Some(step);
+        progress.end(Stage::Advect);
+        carried?;
+        self.check_finite(frame)?;
+        Ok(&self.frame)
+    }
+
+    /// Calls `visit` with the particles alive at a frame, at most `batch` at a time, in the order in which
+    /// [`ParticleSystem::at_frame`] has them. Each batch is carried from its birth, whatever frame was asked for before, so that no
+    /// more particles than that are ever held; nothing is kept.
+    ///
+    /// # Errors
+    /// Those of [`ParticleSystem::at_frame`] and of `visit`, which ends the visits.
+    pub fn visit_batches<E: From<ParticlesError>>(
+        &mut self,
+        frame: i32,
+        batch: u64,
+        progress: &dyn Progress,
+        visit: &mut dyn FnMut(&Particles) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let target = self.grid.step_of_frame(frame);
+        let oldest = self.oldest_step(target);
+        self.step = None;
+        progress.begin(Stage::Advect, self.expected_work(oldest, target));
+        let visited = (0..self.emitters.len()).try_for_each(|emitter_idx| {
+            let all = self.emitters[emitter_idx].candidates(self.grid.time(oldest), self.grid.time(target));
+            let mut first = all.start;
+            while first < all.end {
+                let end = first.saturating_add(batch.max(1)).min(all.end);
+                let earliest = self.grid.step_before(self.emitters[emitter_idx].earliest_birth(first));
+                let mut step = earliest.saturating_sub(1).clamp(oldest, target);
+                self.clouds.iter_mut().for_each(Cloud::clear);
+                self.carry(&mut step, target, Some(&Window { emitter_idx, indices: first..end }), progress)?;
+                self.check_finite(frame)?;
+                if !self.frame.is_empty() {
+                    visit(&self.frame)?;
+                }
+                first = end;
+            }
+            Ok(())
+        });
+        progress.end(Stage::Advect);
+        self.clouds.iter_mut().for_each(|cloud| *cloud = Cloud::default());
+        self.frame = Particles::default();
+        visited
+    }
+
+    /// Takes the clouds from `step` to `target`, with the particles that are born on the way, of a window where one is given, and
+    /// fills the frame. Where cancelled, `step` is left at the step that was reached.
+    fn carry(
+        &mut self,
+        step: &mut i64,
+        target: i64,
+        window: Option<&Window>,
+        progress: &dyn Progress,
+    ) -> Result<(), ParticlesError> {
         let flow = self.flow.clone();
-        let mut span = flow.span(self.grid.time(step), self.grid.step());
-        while step < target {
+        let mut span = flow.span(self.grid.time(*step), self.grid.step());
+        while *step < target {
             if progress.is_cancelled() {
-                progress.end(Stage::Advect);
-                self.step = Some(step);
                 return Err(ParticlesError::Cancelled);
             }
-            progress.advance(self.take_step(step, &mut span));
-            step += 1;
+            progress.advance(self.take_step(*step, window, &mut span));
+            *step += 1;
         }
-        self.step = Some(target);
         self.collect(self.grid.time(target));
-        progress.end(Stage::Advect);
+        Ok(())
+    }
+
+    fn check_finite(&self, frame: i32) -> Result<(), ParticlesError> {
         if self.frame.position.iter().flatten().any(|x| !x.is_finite()) {
             return Err(ParticlesError::NotFinite { frame });
         }
-        Ok(&self.frame)
+        Ok(())
     }
 
     /// The latest step before which no particle was born that may live at the beginning of step `target`.
@@ -212,23 +301,26 @@ impl ParticleSystem {
         (from..to).step_by(stride as usize).map(|n| live(n) * stride as f64).sum::<f64>() as u64
     }
 
-    /// Takes all clouds from the beginning of a step to its end; returns the number of particle steps. `span` is any of the
-    /// flow's, for its memory.
-    fn take_step(&mut self, step: i64, span: &mut FlowSpan) -> u64 {
+    /// Takes all clouds from the beginning of a step to its end; returns the number of particle steps. Only particles of the
+    /// window, where one is given, are born. `span` is any of the flow's, for its memory.
+    fn take_step(&mut self, step: i64, window: Option<&Window>, span: &mut FlowSpan) -> u64 {
         let (start, end) = (self.grid.time(step), self.grid.time(step + 1));
         let duration = self.grid.step();
         span.renew(start, duration);
         let mut work = 0;
-        for (cloud, emitter) in self.clouds.iter_mut().zip(&self.emitters) {
+        for (emitter_idx, (cloud, emitter)) in self.clouds.iter_mut().zip(&self.emitters).enumerate() {
             let older = cloud.index.len();
             self.phases.clear();
-            for index in emitter.candidates(start, end) {
-                let Some(birth) = emitter.birth(index) else { continue };
-                if birth.time <= start || birth.time > end {
-                    continue;
-                }
+            let candidates = emitter.candidates(start, end);
+            let candidates = window.map_or(candidates.clone(), |window| window.part_of(emitter_idx, candidates));
+            let newborn = parallel::gather((candidates.end - candidates.start) as usize, |n, newborn| {
+                let index = candidates.start + n as u64;
+                let Some(birth) = emitter.birth(index).filter(|b| b.time > start && b.time <= end) else { return };
                 let phase = (((birth.time - start) / duration) as f32).clamp(0.0, 1.0);
                 let (position, moved) = span.walls().pushed_out(birth.position, f64::from(phase));
+                newborn.push((index, birth, phase, position, moved));
+            });
+            for (index, birth, phase, position, moved) in newborn {
                 self.born += 1;
                 self.born_inside += u64::from(moved);
                 cloud.push(index, &birth, position, self.flow.iso_values(position.map(f64::from)));
@@ -260,14 +352,14 @@ impl ParticleSystem {
             for axis in 0..3 {
                 frame.position[axis].extend_from_slice(&cloud.position[axis]);
             }
-            for i in 0..cloud.index.len() {
-                let age = (time - cloud.birth[i]) as f32;
-                frame.age.push(age);
-                frame.mass.push(emitter.mass(age, cloud.lifetime[i]));
-                let square = self.kernel.initial_radius.powi(2) + self.kernel.expansion.powi(2) * f64::from(age);
-                frame.radius.push(square.sqrt() as f32);
-                frame.id.push((e as u64) << INDEX_BITS | cloud.index[i]);
-            }
+            let (first, kernel) = (frame.id.len(), self.kernel);
+            frame.id.extend(cloud.index.iter().map(|index| (e as u64) << INDEX_BITS | index));
+            frame.age.extend(cloud.birth.iter().map(|birth| (time - birth) as f32));
+            let age = &frame.age[first..];
+            frame.mass.resize(frame.age.len(), 0.0);
+            parallel::for_each_mut(&mut frame.mass[first..], |i, mass| *mass = emitter.mass(age[i], cloud.lifetime[i]));
+            frame.radius.resize(frame.age.len(), 0.0);
+            parallel::for_each_mut(&mut frame.radius[first..], |i, radius| *radius = kernel.radius(age[i]));
         }
         let count = frame.id.len();
         frame.velocity.iter_mut().for_each(|v| v.resize(count, 0.0));
@@ -300,8 +392,10 @@ impl Cloud {
 
     /// Removes particles whose life is over at `time` [s]; the others keep their order.
     fn bury(&mut self, time: f64) {
-        let mut kept = 0;
-        for i in 0..self.index.len() {
+        let is_over = |i: &usize| time - self.birth[*i] >= f64::from(self.lifetime[*i]);
+        let Some(first_over) = (0..self.index.len()).find(is_over) else { return };
+        let mut kept = first_over;
+        for i in first_over..self.index.len() {
             if time - self.birth[i] < f64::from(self.lifetime[i]) {
                 self.position.iter_mut().for_each(|a| a[kept] = a[i]);
                 self.iso_values.iter_mut().filter(|a| !a.is_empty()).for_each(|a| a[kept] = a[i]);

@@ -3,7 +3,6 @@
 //! Each particle glows with its own temperature, so what particles give off is splatted as their mass is; temperatures are never
 //! averaged. Of files the product of density and black body's radiance is taken at every voxel of the density.
 
-use crate::grid::splat::{SplatInput, SplatSettings, splat};
 use crate::grid::{BRICK_EDGE, BrickValues, DensityGrid, GridError, local_voxel};
 use crate::math::parallel;
 use crate::math::space::WorldPoint;
@@ -13,7 +12,7 @@ use crate::scene::settings;
 use glam::Vec3;
 
 /// Memory that a particle takes besides while its light is splatted [bytes].
-pub(super) const PARTICLE_BYTES: u64 = 16;
+pub(super) const PARTICLE_BYTES: u64 = 24;
 
 /// Light that density 1 gives off at a temperature [W/(m³ sr)].
 pub(super) struct Heat {
@@ -36,23 +35,15 @@ impl Heat {
         self.factor * self.table.at(kelvin)
     }
 
-    /// What particles give off, splatted as their mass is.
-    pub(super) fn of_particles(
-        &self,
-        particles: &Particles,
-        input: &SplatInput,
-        settings: &SplatSettings,
-    ) -> Result<[DensityGrid; 3], GridError> {
-        let Self { settings: heat, .. } = self;
+    /// What particles give off in red, green and blue, to be splatted as their mass is.
+    pub(super) fn of_particles(&self, particles: &Particles) -> [Vec<f32>; 3] {
+        let heat = &self.settings;
         let light = parallel::map(particles.age.len(), |i| {
             let cooled = (-f64::from(particles.age[i]) / heat.cooling_time).exp();
             let kelvin = heat.ambient + (heat.temperature - heat.ambient) * cooled;
             particles.mass[i] * self.at(kelvin as f32)
         });
-        try_channels(|channel| {
-            let mass: Vec<f32> = light.iter().map(|light| light[channel]).collect();
-            Ok(splat(&SplatInput { mass: &mass, ..*input }, settings)?.grid)
-        })
+        [0, 1, 2].map(|channel| light.iter().map(|light| light[channel]).collect())
     }
 
     /// What the density of a file gives off at the temperatures of another grid.

@@ -5,17 +5,17 @@ use crate::flow::Flow;
 use crate::flow::field::FieldSpan;
 use crate::geometry::Geometry;
 use crate::grid::soft::ObstacleDistance;
-use crate::grid::splat::{SplatInput, SplatSettings, splat};
-use crate::grid::{DensityGrid, vdb};
+use crate::grid::splat::{Splat, SplatInput, SplatSettings, SplatSum};
+use crate::grid::{DensityGrid, GridError, vdb};
 use crate::output::sidecar::{MassFigures, Sidecar};
-use crate::particles::ParticleSystem;
+use crate::particles::{ParticleSystem, Particles, ParticlesError};
 use crate::pipeline::heat::{self, Heat};
 use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::pattern::Pattern;
 use crate::scene::{Scene, settings};
 use glam::DVec3;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The smoke of a frame.
 pub(super) struct FrameSmoke {
@@ -142,30 +142,7 @@ impl SmokeSource {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings, is_told } => {
                 let before = [system.penetrations(), system.born(), system.born_inside()];
-                let start = Instant::now();
-                system.at_frame(frame, progress).map_err(|e| in_scene(scene, "flow", Some(frame), e))?;
-                let particles = system.particles();
-                record.add_time(Stage::Advect, start.elapsed());
-                record.particles = particles.mass.len() as u64;
-                let walls = FlowObstacles(system.walls().span(time_of(scene, frame), 0.0));
-                let has_walls = !system.walls().obstacles().is_empty();
-                let input = SplatInput {
-                    position: particles.position.each_ref().map(Vec::as_slice),
-                    velocity: particles.velocity.each_ref().map(Vec::as_slice),
-                    mass: &particles.mass,
-                    radius: &particles.radius,
-                    obstacles: has_walls.then_some(&walls),
-                };
-                let count = particles.mass.len();
-                // Of hot smoke four grids share what is left.
-                let limit = grid_memory_limit(scene, count);
-                let limit = match heat {
-                    Some(_) => limit.saturating_sub(count as u64 * heat::PARTICLE_BYTES) / 4,
-                    None => limit,
-                };
-                let settings = SplatSettings { memory_limit_bytes: limit, ..*settings };
-                let splat = timed(progress, Stage::Grid, record, 0, || splat(&input, &settings))
-                    .map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
+                let (splat, glow) = splat_frame(system, settings, scene, frame, heat, progress, record)?;
                 let m = splat.mass;
                 record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
                 record.penetrations = system.penetrations() - before[0];
@@ -176,10 +153,6 @@ impl SmokeSource {
                     *is_told = true;
                     progress.note(&format!("frame {frame}: {}", born_inside_text(scene, "the particles were", share)));
                 }
-                let glow = heat
-                    .map(|heat| heat.of_particles(particles, &input, &settings))
-                    .transpose()
-                    .map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))?;
                 FrameSmoke { density: splat.grid, glow, is_unbound: false }
             }
             Self::File(file) => {
@@ -192,6 +165,119 @@ impl SmokeSource {
         record.grid.active_voxels = smoke.density.active_voxel_count();
         record.grid.bytes = smoke.memory_bytes();
         Ok(Some(smoke))
+    }
+}
+
+/// The density of the particles of a frame, and the light of hot ones.
+fn splat_frame(
+    system: &mut ParticleSystem,
+    settings: &SplatSettings,
+    scene: &Scene,
+    frame: i32,
+    heat: Option<Heat>,
+    progress: &dyn Progress,
+    record: &mut Sidecar,
+) -> Result<(Splat, Option<[DensityGrid; 3]>), Error> {
+    let batch = scene.settings.smoke.as_ref().and_then(|smoke| smoke.advect.batch);
+    // Shared, since batches are made while walls are asked.
+    let flow = system.shared_flow();
+    let has_walls = !flow.walls().obstacles().is_empty();
+    let walls = has_walls.then(|| FlowObstacles(flow.walls().span(time_of(scene, frame), 0.0)));
+    let start = Instant::now();
+    if let Some(batch) = batch {
+        let mut sums = SmokeSums::try_new(scene, settings, heat, batch as usize)?;
+        let mut grid_time = Duration::ZERO;
+        let visited = system.visit_batches(frame, batch, progress, &mut |particles| {
+            let start = Instant::now();
+            record.particles += particles.len() as u64;
+            sums.add(particles, walls.as_ref(), scene, frame).map_err(Visit::Grid)?;
+            grid_time += start.elapsed();
+            Ok(())
+        });
+        visited.map_err(|e| match e {
+            Visit::Particles(e) => in_scene(scene, "flow", Some(frame), e),
+            Visit::Grid(e) => e,
+        })?;
+        record.add_time(Stage::Advect, start.elapsed().saturating_sub(grid_time));
+        record.add_time(Stage::Grid, grid_time);
+        return timed(progress, Stage::Grid, record, 0, || sums.finish(scene, frame));
+    }
+    system.at_frame(frame, progress).map_err(|e| in_scene(scene, "flow", Some(frame), e))?;
+    record.add_time(Stage::Advect, start.elapsed());
+    let particles = system.particles();
+    record.particles = particles.len() as u64;
+    timed(progress, Stage::Grid, record, 0, || {
+        let mut sums = SmokeSums::try_new(scene, settings, heat, particles.len())?;
+        sums.add(particles, walls.as_ref(), scene, frame)?;
+        sums.finish(scene, frame)
+    })
+}
+
+/// Why not all batches were visited.
+enum Visit {
+    Particles(ParticlesError),
+    Grid(Error),
+}
+
+impl From<ParticlesError> for Visit {
+    fn from(error: ParticlesError) -> Self {
+        Self::Particles(error)
+    }
+}
+
+/// Density, and light of hot smoke, while particles are added.
+struct SmokeSums {
+    density: SplatSum,
+    light: Option<(Heat, [SplatSum; 3])>,
+}
+
+impl SmokeSums {
+    /// Sums that leave room for so many particles.
+    fn try_new(scene: &Scene, settings: &SplatSettings, heat: Option<Heat>, held_count: usize) -> Result<Self, Error> {
+        let limit = grid_memory_limit(scene, held_count);
+        // Of hot smoke four grids share what is left.
+        let limit = match heat {
+            Some(_) => limit.saturating_sub(held_count as u64 * heat::PARTICLE_BYTES) / 4,
+            None => limit,
+        };
+        let empty = || {
+            SplatSum::try_new(SplatSettings { memory_limit_bytes: limit, ..*settings })
+                .map_err(|e| in_scene(scene, "smoke.grid", None, e))
+        };
+        let light = heat.map(|heat| Ok::<_, Error>((heat, [empty()?, empty()?, empty()?]))).transpose()?;
+        Ok(Self { density: empty()?, light })
+    }
+
+    fn add(
+        &mut self,
+        particles: &Particles,
+        walls: Option<&FlowObstacles>,
+        scene: &Scene,
+        frame: i32,
+    ) -> Result<(), Error> {
+        let input = SplatInput {
+            position: particles.position.each_ref().map(Vec::as_slice),
+            velocity: particles.velocity.each_ref().map(Vec::as_slice),
+            mass: &particles.mass,
+            radius: &particles.radius,
+            obstacles: walls.map(|walls| walls as &dyn ObstacleDistance),
+        };
+        self.density.add(&input).map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
+        let Some((heat, light)) = &mut self.light else { return Ok(()) };
+        let channels = heat.of_particles(particles);
+        light
+            .iter_mut()
+            .zip(&channels)
+            .try_for_each(|(sum, mass)| sum.add(&SplatInput { mass, ..input }))
+            .map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))
+    }
+
+    fn finish(self, scene: &Scene, frame: i32) -> Result<(Splat, Option<[DensityGrid; 3]>), Error> {
+        let density = self.density.finish().map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
+        let of_light =
+            |[red, green, blue]: [SplatSum; 3]| Ok([red.finish()?.grid, green.finish()?.grid, blue.finish()?.grid]);
+        let light = self.light.map(|(_, sums)| of_light(sums)).transpose();
+        Ok((density, light.map_err(|e: GridError| in_scene(scene, "smoke.blackbody", Some(frame), e))?))
     }
 }
 
@@ -218,8 +304,6 @@ struct FlowObstacles<'a>(FieldSpan<'a>);
 
 impl ObstacleDistance for FlowObstacles<'_> {
     fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
-        for (point, distance) in points.iter().zip(distances) {
-            *distance = self.0.distance(point.to_array(), 0.0);
-        }
+        self.0.distances(points, 0.0, distances);
     }
 }

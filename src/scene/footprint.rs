@@ -1,8 +1,9 @@
 //! How much memory a scene will need at least, known before any of it is allocated.
 
-use crate::settings::{Emitter, Frames, Settings};
+use crate::settings::{Advect, Emitter, Frames, Settings};
 
-/// Memory of a live particle, with the copies that sorting and splatting make [bytes].
+/// Memory of a particle that is held [bytes]: 32 on its way (8 more along tracks) and 44 at the frame, in arrays that grow and so
+/// may be half empty.
 pub const PARTICLE_BYTES: f64 = 128.0;
 /// Memory of a pixel without further layers when it is most [bytes]: 28 in tiles and as much again where they are put
 /// together.
@@ -20,6 +21,11 @@ pub fn film_bytes(settings: &Settings) -> f64 {
     // Sums of all pixels wait for the next pass, in double precision and with the shapes that each has met.
     let sums = if settings.film.time_limit.is_some() { 4.0 * PIXEL_BYTES + 24.0 * channels as f64 } else { 0.0 };
     pixels * (PIXEL_BYTES + LAYER_BYTES * channels as f64 + sums)
+}
+
+/// Most particles that are held at once, of `count` that are alive.
+pub fn held_count(count: f64, advect: &Advect) -> f64 {
+    advect.batch.map_or(count, |batch| count.min(batch as f64))
 }
 
 /// Most particles of an emitter that can be alive at once in the frames of the scene: an upper bound.

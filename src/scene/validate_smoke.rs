@@ -293,7 +293,7 @@ impl Check<'_, '_, '_> {
         }
         let counts: Vec<f64> = smoke.emitters.iter().map(|e| footprint::live_count(e, &self.settings.frames)).collect();
         let total: f64 = counts.iter().sum();
-        let bytes = total * footprint::PARTICLE_BYTES;
+        let bytes = footprint::held_count(total, &smoke.advect) * footprint::PARTICLE_BYTES;
         if bytes > limit {
             // The greatest emitter is the one to change.
             let largest = (0..counts.len()).max_by(|&a, &b| counts[a].total_cmp(&counts[b])).unwrap_or(0);
@@ -309,6 +309,7 @@ impl Check<'_, '_, '_> {
                 diagnostic
                     .fault(Fault::OverMemoryLimit)
                     .help(format!("lower `{amount}` or `lifetime`, or raise `render.memory_limit_gib`"))
+                    .help("or set `smoke.advect.batch` to hold only so many at once; every frame then takes them from their birth")
                     .help("more particles make the smoke smoother, not denser: `mass` does that");
             }
         }

@@ -65,8 +65,10 @@ pub fn read_float_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Resu
     load(path, memory_limit_bytes)
         .and_then(|bytes| {
             let left = memory_limit_bytes.saturating_sub(bytes.len() as u64);
-            parse_float_grid(&bytes, name, left)
+            parse_channel(&bytes, name, None, left)
         })
+        // The file is gone by now.
+        .and_then(|voxels| voxels.into_grid(name, memory_limit_bytes))
         .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
 }
 
@@ -108,7 +110,7 @@ pub fn parse_grid_list(bytes: &[u8]) -> Result<Vec<GridInfo>, VdbProblem> {
 /// # Errors
 /// [`VdbProblem`] as for [`read_float_grid`].
 pub fn parse_float_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Result<DensityGrid, VdbProblem> {
-    parse_channel(bytes, name, None, memory_limit_bytes)
+    parse_channel(bytes, name, None, memory_limit_bytes)?.into_grid(name, memory_limit_bytes)
 }
 
 /// Red, green and blue of the grid `name` of a file given as bytes; see [`read_color_grid`].
@@ -124,8 +126,23 @@ pub fn parse_color_grid(bytes: &[u8], name: &str, memory_limit_bytes: u64) -> Re
         let grid = parse_float_grid(bytes, name, limit)?;
         return Ok([grid.clone(), grid.clone(), grid]);
     }
-    let channel = |i: usize| parse_channel(bytes, name, Some(i), limit);
+    let channel = |i: usize| parse_channel(bytes, name, Some(i), limit)?.into_grid(name, limit);
     Ok([channel(0)?, channel(1)?, channel(2)?])
+}
+
+/// What a file holds of a grid.
+struct Voxels {
+    origin: DVec3,
+    voxel_size: f32,
+    tree: Tree,
+}
+
+impl Voxels {
+    fn into_grid(self, name: &str, memory_limit_bytes: u64) -> Result<DensityGrid, VdbProblem> {
+        let Tree { bricks, values, .. } = &self.tree;
+        DensityGrid::from_bricks(self.origin, self.voxel_size, bricks, values, memory_limit_bytes)
+            .map_err(|error| VdbProblem::Grid { name: name.to_owned(), error })
+    }
 }
 
 /// A float grid, or one `channel` of a grid of colours.
@@ -134,7 +151,7 @@ fn parse_channel(
     name: &str,
     channel: Option<usize>,
     memory_limit_bytes: u64,
-) -> Result<DensityGrid, VdbProblem> {
+) -> Result<Voxels, VdbProblem> {
     let mut cursor = Cursor::new(bytes);
     let header = Header::read(&mut cursor)?;
     let Some(found) = header.grids.iter().find(|g| g.name() == name || g.unique_name == name) else {
@@ -155,14 +172,12 @@ fn parse_channel(
         stream = Stream::open(&mut cursor, &header, parent, channel)?;
         read_transform(&mut stream.cursor)?;
     }
-    let fail = |error| VdbProblem::Grid { name: name.to_owned(), error };
     let mut tree = Tree::default();
     tree.read_topology(&mut stream, memory_limit_bytes).map_err(|e| e.into_problem(name))?;
     tree.read_leaves(&mut stream)?;
     clear_negligible(&mut tree.values);
     let origin = transform.translation - 0.5 * transform.voxel_size;
-    DensityGrid::from_bricks(origin, transform.voxel_size as f32, &tree.bricks, &tree.values, memory_limit_bytes)
-        .map_err(fail)
+    Ok(Voxels { origin, voxel_size: transform.voxel_size as f32, tree })
 }
 
 fn clear_negligible(bricks: &mut [BrickValues]) {

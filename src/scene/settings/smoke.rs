@@ -182,11 +182,16 @@ pub struct Advect {
     /// Steps per frame. Default 1.
     #[schemars(range(min = 1, max = 1000))]
     pub substeps: u32,
+    /// Particles that are held at once. Each frame then carries batches of so many from their birth, splats them and forgets
+    /// them: memory no longer grows with the number of particles, and every frame of a sequence takes as long as it does
+    /// alone. The smoke is the same to the last bit. Default all, carried on from frame to frame.
+    #[schemars(range(min = 1000))]
+    pub batch: Option<u64>,
 }
 
 impl Default for Advect {
     fn default() -> Self {
-        Self { integrator: Integrator::Rk4, substeps: 1 }
+        Self { integrator: Integrator::Rk4, substeps: 1, batch: None }
     }
 }
 

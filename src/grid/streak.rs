@@ -1,0 +1,256 @@
+//! Particles as the splatter sees them: kernels in a row along a straight streak.
+
+use crate::grid::kernel::{MAX_RADIUS, MAX_WIDTH, MIN_RADIUS, reach};
+use crate::grid::soft::ObstacleDistance;
+use crate::grid::{GridError, MAX_COORDINATE};
+use crate::math::parallel;
+use glam::{DVec3, IVec3};
+use std::ops::Range;
+
+/// Most pieces that the streak of one particle is split into; longer streaks than 256 kernel radii become dotted.
+pub const MAX_PIECES: u32 = 512;
+
+/// The particles to splat; all slices have the same length.
+#[derive(Debug, Clone, Copy)]
+pub struct SplatInput<'a> {
+    /// Coordinates [m].
+    pub position: [&'a [f32]; 3],
+    /// Components [m/s], for motion blur.
+    pub velocity: [&'a [f32]; 3],
+    /// Mass [density·m³], at least 0.
+    pub mass: &'a [f32],
+    /// Reach of the kernel along each axis [m], greater than 0.
+    pub radius: &'a [f32],
+    /// What kernels fade towards and do not reach through.
+    pub obstacles: Option<&'a dyn ObstacleDistance>,
+}
+
+/// The streaks of particles in units of voxels. Places are relative to voxel centres.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Streaks<'a> {
+    input: &'a SplatInput<'a>,
+    shutter: [f64; 2],
+    inverse_voxel_size: f64,
+}
+
+impl<'a> Streaks<'a> {
+    /// The particles as they move from the first to the second time of `shutter` [s]; `first` is the number of the first of them,
+    /// for errors.
+    ///
+    /// # Errors
+    /// [`GridError::BadParticle`] for the first with a value out of range, [`GridError::Lengths`].
+    pub fn try_new(
+        input: &'a SplatInput<'a>,
+        voxel_size: f64,
+        shutter: [f64; 2],
+        first: usize,
+    ) -> Result<Self, GridError> {
+        let count = input.mass.len();
+        let slices = input.position.iter().chain(&input.velocity).chain([&input.radius]);
+        if let Some(other) = slices.map(|s| s.len()).find(|&n| n != count) {
+            return Err(GridError::Lengths(count, other));
+        }
+        let streaks = Self { input, shutter, inverse_voxel_size: 1.0 / voxel_size };
+        match parallel::find_first(count, |i| streaks.complaint(i)) {
+            Some((i, what, value)) => Err(GridError::BadParticle { particle_idx: first + i, what, value }),
+            None => Ok(streaks),
+        }
+    }
+
+    /// What is wrong with particle `i`, if anything, and the value that is.
+    fn complaint(&self, i: usize) -> Option<(usize, &'static str, f32)> {
+        let limit = f64::from(MAX_COORDINATE - 2 * MAX_WIDTH as i32);
+        for axis in 0..3 {
+            let (p, v) = (self.input.position[axis][i], self.input.velocity[axis][i]);
+            if !p.is_finite() {
+                return Some((i, "the position must be finite", p));
+            }
+            if !v.is_finite() {
+                return Some((i, "the velocity must be finite", v));
+            }
+            for time in self.shutter {
+                let reached = (f64::from(p) + f64::from(v) * time) * self.inverse_voxel_size;
+                if reached.is_nan() || reached.abs() >= limit {
+                    return Some((i, "the position must be within four million voxels of the origin", p));
+                }
+            }
+        }
+        let (mass, radius) = (self.input.mass[i], self.input.radius[i]);
+        if !(mass >= 0.0 && mass.is_finite()) {
+            return Some((i, "the mass must be finite and at least 0", mass));
+        }
+        if !(radius > 0.0 && f64::from(radius) * self.inverse_voxel_size <= MAX_RADIUS) {
+            return Some((i, "the kernel radius must be greater than 0 and at most 128 voxels", radius));
+        }
+        None
+    }
+
+    /// How many particles.
+    pub fn count(&self) -> usize {
+        self.input.mass.len()
+    }
+
+    /// Whether particle `i` weighs anything.
+    pub fn has_mass(&self, i: usize) -> bool {
+        self.input.mass[i] > 0.0
+    }
+
+    /// Mass of particle `i` [density·m³].
+    pub fn mass(&self, i: usize) -> f64 {
+        f64::from(self.input.mass[i])
+    }
+
+    /// Sum of the densities of the voxels that particle `i` makes.
+    #[inline(always)]
+    pub fn density(&self, i: usize) -> f64 {
+        self.mass(i) * self.inverse_voxel_size.powi(3)
+    }
+
+    /// Kernel radius of particle `i` [voxels].
+    #[inline(always)]
+    pub fn radius(&self, i: usize) -> f64 {
+        (f64::from(self.input.radius[i]) * self.inverse_voxel_size).max(MIN_RADIUS)
+    }
+
+    #[inline(always)]
+    fn vector(components: &[&[f32]; 3], i: usize) -> DVec3 {
+        DVec3::new(f64::from(components[0][i]), f64::from(components[1][i]), f64::from(components[2][i]))
+    }
+
+    /// Into how many pieces the streak of particle `i` is split, at least 1.
+    #[inline(always)]
+    pub fn piece_count(&self, i: usize) -> u32 {
+        let duration = (self.shutter[1] - self.shutter[0]).abs();
+        if duration == 0.0 {
+            return 1;
+        }
+        let length = Self::vector(&self.input.velocity, i).length() * duration;
+        let pieces = length * self.inverse_voxel_size / (0.5 * self.radius(i));
+        // The ceiling, without the library call that the baseline processor would need.
+        let whole = pieces.min(f64::from(MAX_PIECES)) as u32;
+        (whole + u32::from(f64::from(whole) < pieces)).clamp(1, MAX_PIECES)
+    }
+
+    /// Centre of piece `k` of the `count` of particle `i`.
+    #[inline(always)]
+    pub fn center(&self, i: usize, k: u32, count: u32) -> DVec3 {
+        let (position, velocity) = (Self::vector(&self.input.position, i), Self::vector(&self.input.velocity, i));
+        let [open, close] = self.shutter;
+        let time = open + (close - open) * (f64::from(k) + 0.5) / f64::from(count);
+        (position + velocity * time) * self.inverse_voxel_size - 0.5
+    }
+
+    /// Where particle `i` is at its instant.
+    pub fn own_place(&self, i: usize) -> DVec3 {
+        Self::vector(&self.input.position, i) * self.inverse_voxel_size - 0.5
+    }
+
+    /// Middle of the streak of particle `i`, and half its length.
+    pub fn middle(&self, i: usize) -> (DVec3, f64) {
+        let velocity = Self::vector(&self.input.velocity, i);
+        let [open, close] = self.shutter;
+        let middle = Self::vector(&self.input.position, i) + velocity * (0.5 * (open + close));
+        (
+            middle * self.inverse_voxel_size - 0.5,
+            0.5 * velocity.length() * (close - open).abs() * self.inverse_voxel_size,
+        )
+    }
+
+    /// First and last brick that each piece of particle `i` reaches; none for one that weighs nothing.
+    pub fn brick_ranges(&self, i: usize) -> impl Iterator<Item = (IVec3, IVec3)> {
+        let (radius, count) = (self.radius(i), self.piece_count(i));
+        let pieces = if self.has_mass(i) { 0..count } else { 0..0 };
+        pieces.map(move |k| {
+            let (low, high) = reach(self.center(i, k, count), radius);
+            (low >> 3, high >> 3)
+        })
+    }
+
+    /// Calls `visit` once for each brick that particle `i` reaches.
+    pub fn for_each_brick(&self, i: usize, mut visit: impl FnMut(IVec3)) {
+        let (mut seen_low, mut seen_high) = (IVec3::ONE, IVec3::ZERO);
+        for (low, high) in self.brick_ranges(i) {
+            // Pieces lie in order on a line, so a brick reached by an earlier piece and by this one was reached by the
+            // piece between them too: comparing with the last piece is enough.
+            if (low, high) != (seen_low, seen_high) {
+                for z in low.z..=high.z {
+                    for y in low.y..=high.y {
+                        for x in low.x..=high.x {
+                            let brick = IVec3::new(x, y, z);
+                            if brick.cmplt(seen_low).any() || brick.cmpgt(seen_high).any() {
+                                visit(brick);
+                            }
+                        }
+                    }
+                }
+            }
+            (seen_low, seen_high) = (low, high);
+        }
+    }
+
+    /// First and last brick that any particle of a range reaches, and how many pairs of a piece and a brick there are.
+    pub fn extent(&self, range: Range<usize>) -> Option<Extent> {
+        let of_particle = |i: usize| {
+            let of_piece = |(low, high): (IVec3, IVec3)| Extent {
+                low,
+                high,
+                touches: (high - low + 1).as_u64vec3().element_product(),
+            };
+            self.brick_ranges(i).map(of_piece).reduce(Extent::union)
+        };
+        parallel::reduce(range.len(), |n| of_particle(range.start + n), Extent::union)
+    }
+}
+
+/// Where some particles reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Extent {
+    /// First brick along each axis.
+    pub low: IVec3,
+    /// Last brick along each axis.
+    pub high: IVec3,
+    /// Pairs of a piece of a particle and a brick that it reaches.
+    pub touches: u64,
+}
+
+impl Extent {
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            touches: self.touches.saturating_add(other.touches),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_brick_of_a_streak_is_listed_once() {
+        let (position, velocity) = ([[0.3f32], [0.7], [-0.2]], [[100.0f32], [-31.0], [7.7]]);
+        let input = SplatInput {
+            position: [&position[0], &position[1], &position[2]],
+            velocity: [&velocity[0], &velocity[1], &velocity[2]],
+            mass: &[1.0],
+            radius: &[2.5],
+            obstacles: None,
+        };
+        let streaks = Streaks::try_new(&input, 1.0, [-0.5, 0.5], 0).unwrap();
+        let mut listed = Vec::new();
+        streaks.for_each_brick(0, |b| listed.push(b.to_array()));
+        let mut expected: Vec<[i32; 3]> = streaks
+            .brick_ranges(0)
+            .flat_map(|(a, b)| {
+                (a.x..=b.x).flat_map(move |x| (a.y..=b.y).flat_map(move |y| (a.z..=b.z).map(move |z| [x, y, z])))
+            })
+            .collect();
+        assert_eq!(streaks.extent(0..1).unwrap().touches, expected.len() as u64);
+        expected.sort_unstable();
+        expected.dedup();
+        listed.sort_unstable();
+        assert_eq!(listed, expected);
+        assert!(streaks.piece_count(0) >= 80);
+    }
+}
