@@ -108,21 +108,38 @@ impl DensityGrid {
     /// of its weight where `u` is uniform in the unit cube. It reads one number where the mean reads eight.
     #[inline]
     pub fn density_nearby(&self, p: IndexPoint, u: Vec3) -> f32 {
+        let Some((brick, voxel)) = self.voxel_nearby(p, u) else { return 0.0 };
+        self.bricks.get(brick).map_or(0.0, |samples| samples[stored(voxel)])
+    }
+
+    /// Whether that density is larger than `bound`, ≥ 0.
+    #[inline]
+    pub fn exceeds_nearby(&self, p: IndexPoint, u: Vec3, bound: f32) -> bool {
+        let Some((brick, voxel)) = self.voxel_nearby(p, u) else { return false };
+        let number = (voxel[2] << 6) + (voxel[1] << 3) + voxel[0];
+        match self.rough.exceeds(brick, number, bound) {
+            Some(exceeds) => exceeds,
+            None => self.bricks.get(brick).is_some_and(|samples| samples[stored(voxel)] > bound),
+        }
+    }
+
+    /// Brick and place in it of the voxel in which `p` lies when it is moved by `u`, both rounded down.
+    #[inline(always)]
+    fn voxel_nearby(&self, p: IndexPoint, u: Vec3) -> Option<(usize, [usize; 3])> {
         let p = p.0;
         let place = p + u;
         if !(p.cmpge(Vec3::ZERO).all() && place.cmplt(self.extent).all()) {
-            return 0.0;
+            return None;
         }
         // The floor of a number in [½, 2^23) is in the last bits of what rounds to a multiple of 1; there is nothing below ½.
         const ONES: f32 = 8_388_608.0;
-        let bits = ((place - 0.5) + ONES).to_array();
+        let rounded = (place - 0.5) + ONES;
         let floor = |x: f32| (x.to_bits() & 0x007f_ffff) as usize;
-        let voxel = [floor(bits[0]), floor(bits[1]), floor(bits[2])];
+        let [x, y, z] = [floor(rounded.x), floor(rounded.y), floor(rounded.z)];
         let dims = self.directory.dims();
-        let place = ((voxel[2] >> 3) * dims.y as usize + (voxel[1] >> 3)) * dims.x as usize + (voxel[0] >> 3);
-        let Some(&brick_idx) = self.directory.values().get(place) else { return 0.0 };
-        let Some(brick) = self.bricks.get(brick_idx as usize) else { return 0.0 };
-        brick[((voxel[2] & 7) * STORED_EDGE + (voxel[1] & 7)) * STORED_EDGE + (voxel[0] & 7)]
+        let place = ((z >> 3) * dims.y as usize + (y >> 3)) * dims.x as usize + (x >> 3);
+        let &brick_idx = self.directory.values().get(place)?;
+        Some((brick_idx as usize, [x & 7, y & 7, z & 7]))
     }
 
     /// The trilinear density at a world point.
@@ -130,6 +147,12 @@ impl DensityGrid {
     pub fn density(&self, p: WorldPoint) -> f32 {
         self.density_at(self.to_index(p))
     }
+}
+
+/// Place of a voxel among the samples of its brick.
+#[inline(always)]
+fn stored([x, y, z]: [usize; 3]) -> usize {
+    (z * STORED_EDGE + y) * STORED_EDGE + x
 }
 
 #[cfg(test)]

@@ -11,12 +11,14 @@
 pub mod kernel;
 pub mod lookup;
 pub mod majorant;
+mod rough;
 pub mod soft;
 pub mod splat;
 mod streak;
 pub mod vdb;
 mod walls;
 
+use crate::grid::rough::{RoughBrick, RoughBricks};
 use crate::math::aabb::Aabb;
 use crate::math::lattice::Lattice;
 use crate::math::parallel;
@@ -104,6 +106,8 @@ pub struct DensityGrid {
     directory: Lattice<u32>,
     /// Brick 0 is empty and answers for all places without one.
     bricks: Vec<StoredBrick>,
+    /// The same bricks in bytes.
+    rough: RoughBricks,
     /// World position of the low corner of the directory [m].
     corner: Vec3,
     inverse_voxel_size: f32,
@@ -147,6 +151,7 @@ impl DensityGrid {
             origin,
             brick_min,
             directory,
+            rough: RoughBricks::new(&bricks),
             bricks,
             corner: (origin + (brick_min * BRICK_EDGE as i32).as_dvec3() * h).as_vec3(),
             inverse_voxel_size: (1.0 / h) as f32,
@@ -206,6 +211,7 @@ impl DensityGrid {
     pub fn map(mut self, change: impl Fn(f32) -> f32 + Sync) -> Self {
         debug_assert_eq!(change(0.0), 0.0, "what is outside of the grid cannot become smoke");
         parallel::for_each_mut(&mut self.bricks, |_, brick| brick.iter_mut().for_each(|value| *value = change(*value)));
+        self.rough = RoughBricks::new(&self.bricks);
         self
     }
 
@@ -261,7 +267,7 @@ impl DensityGrid {
 
     /// Memory that the grid holds [bytes].
     pub fn memory_bytes(&self) -> u64 {
-        (size_of_val(self.bricks.as_slice()) + size_of_val(self.directory.values())) as u64
+        (size_of_val(self.bricks.as_slice()) + self.rough.memory_bytes() + size_of_val(self.directory.values())) as u64
     }
 
     /// Brick coordinates and voxels of every brick that has a voxel with density, z slowest.
@@ -331,7 +337,11 @@ pub(crate) fn needed_bytes(dims: glam::U64Vec3, brick_count: u64) -> u64 {
     // Directory, the sources' directory while assembling, majorants on cells of 4³.
     let per_place = 4 + 4 + 8 * 4;
     // What is stored, what it is made of, places that may be occupied, and bounds of occupied cells twice while they are collected.
-    let per_brick = (size_of::<StoredBrick>() + size_of::<BrickValues>() + 9 * size_of::<UVec3>() + 2 * 8 * 4) as u64;
+    let per_brick = (size_of::<StoredBrick>()
+        + size_of::<RoughBrick>()
+        + size_of::<BrickValues>()
+        + 9 * size_of::<UVec3>()
+        + 2 * 8 * 4) as u64;
     let places = [dims.x, dims.y, dims.z].iter().fold(1u64, |a, &b| a.saturating_mul(b));
     places.saturating_mul(per_place).saturating_add(brick_count.saturating_mul(per_brick))
 }

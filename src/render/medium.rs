@@ -28,6 +28,8 @@ pub struct Medium {
     majorants: MajorantGrid,
     /// Extinction coefficient of density 1 [1/m], ≥ 0; of the channel that has most.
     extinction: f32,
+    /// One over it; infinite where it is 0.
+    inverse_extinction: f32,
     /// Where extinction has a colour, that of each channel over the largest.
     pub tint: Option<Vec3>,
     /// Light that density 1 gives off [W/(m³ sr)], each channel ≥ 0.
@@ -56,6 +58,7 @@ impl Medium {
             grid,
             majorants,
             extinction,
+            inverse_extinction: 1.0 / extinction,
             tint: None,
             emission: Rgb::ZERO,
             glow: None,
@@ -72,6 +75,15 @@ impl Medium {
     pub fn sigma_t(&self, p: IndexPoint) -> f32 {
         let sigma_t = self.extinction * self.grid.density_at(p);
         if self.detail.is_some() { self.detailed(sigma_t, p) } else { sigma_t }
+    }
+
+    /// Whether [`Medium::sigma_t_nearby`] is larger than `bound` [1/m], ≥ 0.
+    #[inline]
+    pub fn exceeds_nearby(&self, p: IndexPoint, u: Vec3, bound: f32) -> bool {
+        if self.detail.is_some() {
+            return self.sigma_t_nearby(p, u) > bound;
+        }
+        self.grid.exceeds_nearby(p, u, bound * self.inverse_extinction)
     }
 
     /// The extinction coefficient [1/m] at one of the eight voxels round `p`, of which a uniform point `u` of the unit cube

@@ -67,16 +67,16 @@ pub fn sample_collision(
         }
         while let Some(p) = flight.next_candidate(&mut piece) {
             // Met or passed with a probability proportional to the extinction: that of any voxel with the mean will do.
-            let sigma_t = piece.bounded(medium.sigma_t_nearby(p, stream.point()));
-            let hero_ratio = chroma.as_ref().map_or(1.0, |chroma| chroma.hero_ratio());
-            if stream.uniform() * piece.sigma_maj < sigma_t * hero_ratio {
-                if let Some(chroma) = chroma {
-                    chroma.collide();
-                }
-                return Event::Collision { t: piece.t };
-            }
+            let (near, bound) = (stream.point(), stream.uniform() * piece.sigma_maj);
             if let Some(chroma) = chroma.as_deref_mut() {
+                let sigma_t = piece.bounded(medium.sigma_t_nearby(p, near));
+                if bound < sigma_t * chroma.hero_ratio() {
+                    chroma.collide();
+                    return Event::Collision { t: piece.t };
+                }
                 chroma.pass(sigma_t / piece.sigma_maj);
+            } else if medium.exceeds_nearby(p, near, bound) {
+                return Event::Collision { t: piece.t };
             }
             stream.null_collisions += 1;
             flight.tau_left = optical_distance(stream.uniform());
