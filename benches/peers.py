@@ -249,17 +249,19 @@ def main():
     args.binary = args.binary.resolve()
     OUT.mkdir(parents=True, exist_ok=True)
     inside_venv()
+    # Before numpy is loaded, of which the others may bring another version.
+    asked = args.peers.split(",")
+    installed = [kind for kind in PACKAGES if kind in asked and install(kind)]
     sys.path.insert(0, str(HERE))
     from scenes import SCENES, density, raw, vdb, vol
 
     d = density()
     for file, content in (("plume.vdb", vdb(d)), ("plume.vol", vol(d)), ("plume.raw", raw(d))):
         (OUT / file).write_bytes(content)
-    asked = args.peers.split(",")
     renderers = {"ours": Ours(args)}
     if "baseline" in asked:
         renderers["baseline"] = Baseline(args)
-    renderers.update({kind: Other(args, kind) for kind in PACKAGES if kind in asked and install(kind)})
+    renderers.update({kind: Other(args, kind) for kind in installed})
     rows, curves, seen = [], {}, {}
     for name in args.scenes.split(","):
         there = dict(renderers)

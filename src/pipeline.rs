@@ -30,6 +30,7 @@ use crate::render::material::Material;
 use crate::render::media::Media;
 use crate::render::motion::FrameMotion;
 use crate::render::picture::Picture;
+use crate::render::sun_shadow;
 use crate::render::world::World;
 use crate::render::{self, RenderError, TextureStore, tiles};
 use crate::scene::pattern::Pattern;
@@ -487,10 +488,14 @@ fn memory_limit(scene: &Scene) -> u64 {
     (scene.settings.render.memory_limit_gib * f64::from(1 << 30)) as u64
 }
 
-/// Memory that the grid of a frame may take beside the picture and `particle_count` particles [bytes].
+/// Memory that the grid of a frame may take beside the picture, `particle_count` particles and tables of the suns' light
+/// [bytes].
 fn grid_memory_limit(scene: &Scene, particle_count: usize) -> u64 {
-    let others = footprint::film_bytes(&scene.settings) + particle_count as f64 * footprint::PARTICLE_BYTES;
-    memory_limit(scene).saturating_sub(others as u64)
+    let settings = &scene.settings;
+    let suns = settings.lights.iter().filter(|light| matches!(light, settings::Light::Sun(_))).count();
+    let grids = usize::from(settings.smoke.is_some()) + settings.volumes.len();
+    let others = footprint::film_bytes(settings) + particle_count as f64 * footprint::PARTICLE_BYTES;
+    memory_limit(scene).saturating_sub(others as u64 + (suns * grids) as u64 * sun_shadow::BYTES_MAX)
 }
 
 fn load_picture(path: &Path, memory_limit: u64) -> Result<Picture, OutputError> {

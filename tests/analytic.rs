@@ -240,7 +240,7 @@ fn check_pixels(name: &str, film: &Film, expected: impl Fn(usize) -> f64) {
 /// The furnace of the tests below, seen by the whole picture.
 const FURNACE: &str = "
 camera: {position: [0, 0, 3], look_at: [0, 0, 0]}
-film: {resolution: [32, 24], spp: 1024}
+film: {resolution: [32, 24], spp: 2048}
 render: {max_bounces: 100000}
 shapes:
   ball: {sphere: {center: [0.2, 0, 0], radius: 0.3}, material: {diffuse: {reflectance: [1, 1, 1]}}}
@@ -526,7 +526,9 @@ lights:
 
 #[test]
 fn pictures_do_not_depend_on_threads_or_crop() {
+    use curlsmoke::render::adaptive::Adaptive;
     use curlsmoke::render::film::PixelBounds;
+    use curlsmoke::render::tiles::View;
     let stage = stage(&format!(
         "{SMOKE}
 shapes:
@@ -536,24 +538,28 @@ lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{envir
 "
     ));
     let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
-    let picture = |threads: usize, crop: Option<PixelBounds>| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        let view = render::build_view(&stage.scene, 1, crop);
-        pool.install(|| render::tiles::render(&view, &stage.world, Some(&medium), &Silent)).expect("renders")
-    };
-    let whole = picture(1, None);
-    for threads in [2, 7] {
-        let other = picture(threads, None);
-        assert_eq!(whole.pixels, other.pixels);
-        assert_eq!(whole.paths, other.paths);
-    }
-    let crop = PixelBounds { x0: 5, y0: 3, x1: 27, y1: 22 };
-    let part = picture(2, Some(crop));
-    for y in crop.y0..crop.y1 {
-        for x in crop.x0..crop.x1 {
-            let of_whole = whole.pixels[(y * 32 + x) as usize];
-            let of_part = part.pixels[((y - crop.y0) * crop.width() + x - crop.x0) as usize];
-            assert_eq!(of_whole, of_part, "({x}, {y})");
+    for adaptive in [None, Some(Adaptive { noise: 0.1, min_spp: 4 })] {
+        let picture = |threads: usize, crop: Option<PixelBounds>| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let view = View { adaptive, ..render::build_view(&stage.scene, 1, crop) };
+            pool.install(|| render::tiles::render(&view, &stage.world, Some(&medium), &Silent)).expect("renders")
+        };
+        let whole = picture(1, None);
+        for threads in [2, 7] {
+            let other = picture(threads, None);
+            assert_eq!(whole.pixels, other.pixels);
+            assert_eq!(whole.paths, other.paths);
+        }
+        for crop in [[5, 3, 27, 22], [0, 7, 11, 24], [13, 0, 14, 1]] {
+            let crop = PixelBounds { x0: crop[0], y0: crop[1], x1: crop[2], y1: crop[3] };
+            let part = picture(2, Some(crop));
+            for y in crop.y0..crop.y1 {
+                for x in crop.x0..crop.x1 {
+                    let of_whole = whole.pixels[(y * 32 + x) as usize];
+                    let of_part = part.pixels[((y - crop.y0) * crop.width() + x - crop.x0) as usize];
+                    assert_eq!(of_whole, of_part, "({x}, {y}) of {crop:?}");
+                }
+            }
         }
     }
 }

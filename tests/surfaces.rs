@@ -8,8 +8,10 @@ use curlsmoke::math::hash::Seed;
 use curlsmoke::math::space::{UnitVec3, WorldPoint};
 use curlsmoke::render::film::{PathCounts, Pixel, PixelSum};
 use curlsmoke::render::integrator::Integrator;
+use curlsmoke::render::media::Media;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::sampler::Sampler;
+use curlsmoke::render::sun_shadow::SunShadows;
 use curlsmoke::render::{self};
 use glam::Vec3;
 use support::{Stage, centered_grid, estimate, stage};
@@ -38,7 +40,9 @@ fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
 /// What a pixel that sees the world along one ray holds after `count` paths.
 fn pixel(stage: &Stage, medium: Option<&Medium>, count: u32, ray: Ray) -> Pixel {
     let limits = render::build_view(&stage.scene, 1, None).limits;
-    let integrator = Integrator { world: &stage.world, media: medium.into(), sun_shadows: &Default::default(), limits };
+    let media = Media::from(medium);
+    let sun_shadows = &SunShadows::new(&stage.world.lights, media.grids());
+    let integrator = Integrator { world: &stage.world, media, sun_shadows, limits };
     let (mut sum, mut counts) = (PixelSum::new(&[]), PathCounts::default());
     for i in 0..count {
         sum.add(&[], &integrator.trace(ray, &mut Sampler::new(Seed(7), 0, 0, i), &mut counts));
@@ -264,4 +268,14 @@ lights: [{lights}]
     let found = pixel(&above, Some(&smoke), 1 << 15, ray([0.0, 4.0, 0.0], [0.0, -1.0, 0.0])).alpha;
     let expected = 1.0 - (-0.8f32).exp();
     assert!((found - expected).abs() < 0.015, "{found}, expected {expected}");
+    // And of stripes of smoke that fall between the points of what is tabled of the sun's light.
+    let stripe = |p: WorldPoint| f32::from(u8::from((p.0.x * 10.0).floor().rem_euclid(2.0) == 0.0)) * 4.0;
+    let grid = DensityGrid::from_fn(WorldPoint::new(-0.4, 5.0, -0.4), 0.1, glam::UVec3::new(8, 8, 8), 1 << 30, stripe);
+    let stripes = medium(&above, grid.expect("small"));
+    for x in [0.03, 0.1, 0.15] {
+        let up = Ray { origin: WorldPoint::new(x, 0.0, 0.0), direction: UnitVec3::Y };
+        let expected = 1.0 - Media::from(Some(&stripes)).view_through(&up, 100.0).expect("smoke").transmittance as f32;
+        let found = pixel(&above, Some(&stripes), 1 << 17, ray([x, 4.0, 0.0], [0.0, -1.0, 0.0])).alpha;
+        assert!((found - expected).abs() < 0.02, "{x}: {found}, expected {expected}");
+    }
 }

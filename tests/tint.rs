@@ -9,8 +9,10 @@ use curlsmoke::math::statistics::Moments;
 use curlsmoke::progress::Silent;
 use curlsmoke::render::film::{Film, PathCounts};
 use curlsmoke::render::integrator::Integrator;
+use curlsmoke::render::media::Media;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::sampler::Sampler;
+use curlsmoke::render::sun_shadow::SunShadows;
 use curlsmoke::render::{self, tiles};
 use glam::Vec3;
 use support::{Stage, centered_grid, estimate, stage};
@@ -95,7 +97,7 @@ fn what_passes_smoke_falls_by_each_channels_own_extinction() {
         let integrator = Integrator {
             world: &stage.world,
             media: Some(&medium).into(),
-            sun_shadows: &Default::default(),
+            sun_shadows: &SunShadows::new(&stage.world.lights, Media::from(Some(&medium)).grids()),
             limits: view.limits,
         };
         let direction = UnitVec3::try_new(Vec3::NEG_Z).unwrap();

@@ -54,9 +54,10 @@ impl Closed {
     /// Outward normal at a point of the surface.
     #[inline]
     pub fn normal_at(&self, p: DVec3) -> UnitVec3 {
+        // A point far along a ray is beside the surface by its rounding.
         let normal = match self {
             Self::Square(square) => square.normal,
-            Self::Ball(ball) => (p - ball.center) / ball.radius,
+            Self::Ball(ball) => (p - ball.center).normalize_or(DVec3::Y),
             Self::Block(block) => block.normal_at(p),
         };
         UnitVec3::new_unchecked(normal.as_vec3())

@@ -128,10 +128,10 @@ impl DensityGrid {
     fn voxel_nearby(&self, p: IndexPoint, u: Vec3) -> Option<(usize, [usize; 3])> {
         let p = p.0;
         let place = p + u;
-        if !(p.cmpge(Vec3::ZERO).all() && place.cmplt(self.extent).all()) {
+        // The floor of a number in [½, 2^23) is in the last bits of what rounds to a multiple of 1; below ½ there is nothing.
+        if !(place.cmpge(Vec3::splat(0.5)).all() && place.cmplt(self.extent).all()) {
             return None;
         }
-        // The floor of a number in [½, 2^23) is in the last bits of what rounds to a multiple of 1; there is nothing below ½.
         const ONES: f32 = 8_388_608.0;
         let rounded = (place - 0.5) + ONES;
         let floor = |x: f32| (x.to_bits() & 0x007f_ffff) as usize;

@@ -215,10 +215,13 @@ impl<'a> MajorantIterator<'a> {
         let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
         let is_range = t_min < t_max;
         let t = if t_min > enter { t_min } else { enter };
-        let mut t_max = if t_max < leave { t_max } else { leave };
+        let t_max = if t_max < leave { t_max } else { leave };
         // False where anything was not a number.
         if !(is_range && t < t_max && origin.is_finite() && direction.is_finite()) {
-            t_max = f32::NEG_INFINITY;
+            // Most rays miss most smoke.
+            let (zero, t_max) = (Vec3A::ZERO, f32::NEG_INFINITY);
+            let (origin, inverse, far_face, step) = (zero, zero, zero, zero);
+            return Self { cells: &[], t, t_max, origin, inverse, far_face, step, offset: 0, offset_steps: [0; 8] };
         }
         // Not negative, so truncation is the floor.
         let cell = (origin + direction * t).max(Vec3A::ZERO).min(size - 1.0).as_ivec3();

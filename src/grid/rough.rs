@@ -49,9 +49,9 @@ impl RoughBrick {
         // Such that the largest has 255 steps whatever is rounded.
         let unit = largest / 255.5;
         let mut rough = Self { unit, steps: [0; BRICK_VOXELS] };
-        // Of next to nothing and of nothing a byte says nothing.
+        // Of next to nothing a byte says nothing; of nothing it says all, with steps of 0.
         if unit < f32::MIN_POSITIVE {
-            rough.unit = f32::INFINITY;
+            rough.unit = if largest > 0.0 { f32::INFINITY } else { 0.0 };
             return rough;
         }
         for (i, v) in own_voxels(brick) {

@@ -8,7 +8,7 @@ use crate::scene::{Scene, settings};
 use std::path::Path;
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
-const PICTURES: &str = "2026-11-23 c";
+const PICTURES: &str = "2026-11-23 d";
 
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {
@@ -23,6 +23,9 @@ impl InputHash {
         settings.frames.last = settings.frames.first;
         settings.output.image.clear();
         settings.output.volume.clear();
+        if let Some(smoke) = &mut settings.smoke {
+            smoke.advect.batch = None;
+        }
         // That there is a preview matters, its name does not.
         settings.output.preview = settings.output.preview.map(|_| String::new());
         // Nodes of flows along surfaces are made only where there is room for them.

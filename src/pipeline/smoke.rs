@@ -12,6 +12,7 @@ use crate::particles::{ParticleSystem, Particles, ParticlesError};
 use crate::pipeline::heat::{self, Heat};
 use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
+use crate::scene::footprint;
 use crate::scene::pattern::Pattern;
 use crate::scene::{Scene, settings};
 use glam::DVec3;
@@ -178,14 +179,17 @@ fn splat_frame(
     progress: &dyn Progress,
     record: &mut Sidecar,
 ) -> Result<(Splat, Option<[DensityGrid; 3]>), Error> {
-    let batch = scene.settings.smoke.as_ref().and_then(|smoke| smoke.advect.batch);
+    let smoke = scene.settings.smoke.as_ref();
+    let batch = smoke.and_then(|smoke| smoke.advect.batch);
     // Shared, since batches are made while walls are asked.
     let flow = system.shared_flow();
     let has_walls = !flow.walls().obstacles().is_empty();
     let walls = has_walls.then(|| FlowObstacles(flow.walls().span(time_of(scene, frame), 0.0)));
     let start = Instant::now();
     if let Some(batch) = batch {
-        let mut sums = SmokeSums::try_new(scene, settings, heat, batch as usize)?;
+        let count = |emitter| footprint::live_count(emitter, &scene.settings.frames);
+        let all: f64 = smoke.map_or(0.0, |smoke| smoke.emitters.iter().map(count).sum());
+        let mut sums = SmokeSums::try_new(scene, settings, heat, all.min(batch as f64).ceil() as usize)?;
         let mut grid_time = Duration::ZERO;
         let visited = system.visit_batches(frame, batch, progress, &mut |particles| {
             let start = Instant::now();

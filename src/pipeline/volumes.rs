@@ -92,7 +92,10 @@ fn file_volume(
 ) -> Result<Volume, Error> {
     let key = format!("volumes.{name}");
     let heat = Heat::new(volume.blackbody, &volume.medium);
-    let limit = grid_memory_limit(scene, record.particles as usize).saturating_sub(record.grid.bytes);
+    // Particles in batches are gone by now.
+    let has_batches = scene.settings.smoke.as_ref().is_some_and(|smoke| smoke.advect.batch.is_some());
+    let held_count = if has_batches { 0 } else { record.particles as usize };
+    let limit = grid_memory_limit(scene, held_count).saturating_sub(record.grid.bytes);
     let smoke = file.read(scene, frame, heat.as_ref(), &key, limit, progress, record)?.remapped(volume.remap);
     record.grid.active_voxels += smoke.density.active_voxel_count();
     record.grid.bytes += smoke.memory_bytes();

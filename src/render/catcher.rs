@@ -6,7 +6,6 @@
 
 use crate::render::color::{Rgb, luminance};
 use crate::render::film::Contribution;
-use glam::Vec3;
 
 /// A path that met a shadow catcher first.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +29,8 @@ impl Caught {
 
     /// Takes what the catcher reflects out of what the path brings.
     pub fn out_of(self, path: &mut Contribution) {
-        let lit = (path.radiance - self.before.radiance).max(Vec3::ZERO);
+        // Of one path it may be less than nothing, see `sun_shadow.rs`; the mean over all must not be cut.
+        let lit = path.radiance - self.before.radiance;
         path.radiance = self.before.radiance;
         path.by_passage = self.before.by_passage;
         path.by_group = self.before.by_group;

@@ -218,6 +218,7 @@ impl PixelSum {
     }
 
     /// Adds one path; `layers` are those that it was made with.
+    #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
         self.moments.add(path.radiance);
         self.alpha += f64::from(path.alpha);

@@ -201,6 +201,7 @@ impl LayerSums {
     }
 
     /// Adds one path.
+    #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
         for (sum, layer) in self.0.iter_mut().zip(layers) {
             *sum += layer.of_path(path).as_dvec3();

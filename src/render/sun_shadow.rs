@@ -18,16 +18,18 @@ use glam::{Mat3A, UVec3, Vec2, Vec3, Vec3A};
 
 /// Voxels between columns, and between points of a column along the axis nearest to the sun's direction.
 const SPACING: f32 = 2.0;
-/// Most points of a lattice; of larger smoke they lie further apart.
+/// Points of a lattice as they are meant to be at most; of larger smoke they lie further apart.
 const POINTS_MAX: f32 = 16e6;
-/// Probability with which the exact transmittance is worked out where the lattice is flat.
+/// Most memory of a lattice [bytes]: rounded up to whole points it may have more of them.
+pub const BYTES_MAX: u64 = 32_000_000;
+/// Probability with which the exact transmittance is worked out where a lattice of this spacing is flat.
 const LEAST_PROBABILITY: f32 = 1.0 / 128.0;
 /// What is added to it for the range r of the eight transmittances about a point, times r and times r³: where r is small the
 /// lattice resolves what there is and errs little, where it is 1 a shadow's edge lies between its points.
 const PER_RANGE: f32 = 1.0 / 16.0;
 const PER_CUBED_RANGE: f32 = 1.0;
-/// Beyond half of this angular diameter [1 − cosine] directions to the sun differ by more than the lattice can say.
-const WIDEST: f32 = 1e-3;
+/// Spacing beyond which a lattice overlooks too much to be of use [voxels].
+const SPACING_MAX: f32 = 4.0;
 
 /// Transmittances of one volume towards one sun.
 pub struct SunShadow {
@@ -42,15 +44,19 @@ pub struct SunShadow {
     /// Change of the other two coordinates along a column for a voxel along its axis.
     slope: Vec2,
     spacing: f32,
+    /// Probability with which the exact transmittance is worked out where the lattice is flat.
+    least_probability: f32,
     /// Where the first point of the first column is [m], and from offsets to it to places in the lattice.
     start: Vec3A,
     to_place: Mat3A,
 }
 
 impl SunShadow {
-    /// The shadow that `medium` casts away from the direction `towards` a sun; `None` without smoke, and where optical depths
-    /// are not known exactly.
-    pub fn new(medium: &Medium, towards: UnitVec3) -> Option<Self> {
+    /// The shadow that `medium` casts away from the direction `towards` a sun, from whose middle its light comes within an angle
+    /// of `half_angle` [rad]. `None` where a lattice is of no use: without smoke, where optical depths are not known exactly, where
+    /// points would lie too far apart, and where light from a rim of the sun goes past other points of the lattice than
+    /// that from the middle.
+    pub fn new(medium: &Medium, towards: UnitVec3, half_angle: f32) -> Option<Self> {
         if medium.grid().is_empty() || !medium.has_exact_depths() || medium.tint.is_some() {
             return None;
         }
@@ -66,8 +72,16 @@ impl SunShadow {
         let own_size = Vec2::new(size[axes[1]], size[axes[2]]) + lean.abs();
         let volume = size[axis] * own_size.x * own_size.y;
         let spacing = SPACING.max((volume / POINTS_MAX).cbrt());
+        if spacing > SPACING_MAX || half_angle * size.length() > spacing {
+            return None;
+        }
         let dims = Vec3::new(size[axis], own_size.x, own_size.y) / spacing;
         let dims = dims.ceil().as_uvec3() + 1;
+        if dims.as_u64vec3().element_product() > BYTES_MAX {
+            return None;
+        }
+        // What lies between points further apart is overlooked more often.
+        let least_probability = LEAST_PROBABILITY * (spacing / SPACING).powi(3);
         let mut shadow = Self {
             values: vec![u8::MAX; dims.element_product() as usize],
             dims,
@@ -75,6 +89,7 @@ impl SunShadow {
             low: Vec3::new(low[axis], own_low.x, own_low.y),
             slope,
             spacing,
+            least_probability,
             start: Vec3A::ZERO,
             to_place: Mat3A::IDENTITY,
         };
@@ -122,7 +137,7 @@ impl SunShadow {
         if !(place.y >= 0.0 && place.z >= 0.0 && place.y < last.y && place.z < last.z) {
             return (1.0, 0.0);
         }
-        let x = place.x.clamp(0.0, last.x - 1e-3);
+        let x = place.x.clamp(0.0, last.x.next_down());
         let cell = [x as i32 as usize, place.y as i32 as usize, place.z as i32 as usize];
         let (u, v, w) = (x - cell[0] as i32 as f32, place.y - cell[1] as i32 as f32, place.z - cell[2] as i32 as f32);
         let (row, layer) = (self.dims.x as usize, self.dims.x as usize * self.dims.y as usize);
@@ -145,7 +160,7 @@ impl SunShadow {
     #[inline]
     pub fn estimate_transmittance(&self, medium: &Medium, ray: &Ray, stream: &mut Stream) -> f32 {
         let (rough, range) = self.read(ray.origin);
-        let probability = (LEAST_PROBABILITY + (PER_RANGE + PER_CUBED_RANGE * range * range) * range).min(1.0);
+        let probability = (self.least_probability + (PER_RANGE + PER_CUBED_RANGE * range * range) * range).min(1.0);
         if stream.uniform() >= probability {
             return rough;
         }
@@ -188,15 +203,18 @@ impl SunShadows {
     /// Those that `media` cast away from such of `lights` as are suns.
     pub fn new<'a>(lights: &[Light], media: impl Iterator<Item = &'a Medium> + Clone) -> Self {
         let of_light = |light: &Light| match light {
-            Light::Sun(sun) if sun.one_minus_cosine() < WIDEST => {
-                media.clone().map(|medium| SunShadow::new(medium, sun.towards())).collect()
+            Light::Sun(sun) => {
+                let half_angle = (2.0 * sun.one_minus_cosine()).sqrt();
+                let all: Vec<_> =
+                    media.clone().map(|medium| SunShadow::new(medium, sun.towards(), half_angle)).collect();
+                if all.iter().any(Option::is_some) { all } else { Vec::new() }
             }
             _ => Vec::new(),
         };
         Self { by_light: lights.iter().map(of_light).collect() }
     }
 
-    /// Those towards light `i`: one for each volume with voxels, or none at all.
+    /// Those towards light `i`: one for each volume with voxels, or none at all where none of them has one.
     #[inline]
     pub fn towards(&self, i: usize) -> &[Option<SunShadow>] {
         self.by_light.get(i).map_or(&[], |shadows| shadows)
@@ -243,7 +261,7 @@ mod tests {
         for corner in [Vec3::new(-1.0, 0.4, 0.0), Vec3::new(900.0, -700.0, 400.0)] {
             let medium = medium(corner, lumps);
             for direction in directions() {
-                let shadow = SunShadow::new(&medium, direction).expect("there is smoke");
+                let shadow = SunShadow::new(&medium, direction, 0.0).expect("there is smoke");
                 let (mut square, mut shaded) = (0.0, 0);
                 const N: usize = 2000;
                 for origin in points(corner, 3).take(N) {
@@ -266,7 +284,7 @@ mod tests {
         let mut stream = Stream::new(Seed(8));
         for holder in [&smoke, &other] {
             for direction in directions().step_by(3) {
-                let shadow = SunShadow::new(holder, direction).expect("there is smoke");
+                let shadow = SunShadow::new(holder, direction, 0.0).expect("there is smoke");
                 let (mut sum, mut square) = (0.0, 0.0);
                 const N: u32 = 60_000;
                 for origin in points(corner, 5).take(N as usize) {
@@ -293,6 +311,6 @@ mod tests {
         let shadows = SunShadows::new(&[sun(0.53), sun(30.0)], std::iter::once(&smoke));
         assert!(shadows.towards(0)[0].is_some() && shadows.towards(1).is_empty() && shadows.towards(7).is_empty());
         let none = medium(Vec3::ZERO, |_| 0.0);
-        assert!(SunShadow::new(&none, UnitVec3::Y).is_none());
+        assert!(SunShadow::new(&none, UnitVec3::Y, 0.0).is_none());
     }
 }

@@ -97,6 +97,7 @@ pub fn render_media(
     motion: Option<&FrameMotion>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
+    let start = Instant::now();
     let sun_shadows = SunShadows::new(&world.lights, media.grids());
     let integrator = Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
@@ -114,7 +115,7 @@ pub fn render_media(
         })
         .collect();
     let (finished, spp) = match (view.time_limit, &view.adaptive) {
-        (Some(limit), _) => render_in_passes(&tiles, view, &traced, progress, limit)?,
+        (Some(limit), _) => render_in_passes(&tiles, view, &traced, progress, limit.saturating_sub(start.elapsed()))?,
         (None, Some(adaptive)) => {
             let paint = |_, tile: &PixelBounds| render_adaptively(tile, view, &traced, progress, adaptive);
             (parallel::try_map(&tiles, paint)?, view.spp)
@@ -152,7 +153,7 @@ fn render_in_passes(
             for (i, sum) in sums.iter_mut().enumerate() {
                 let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
                 let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
-                painter.add(sum, view.seed, done..next)?;
+                painter.add(sum, done..next)?;
                 painter.look()?;
             }
             Ok(())
@@ -195,7 +196,8 @@ fn render_adaptively(
             let mut sum = PixelSum::new(&view.layers);
             let mut painter = PixelPainter::new([x, y], view, traced, progress, &mut counts);
             painter.tells = false;
-            painter.add(&mut sum, view.seed, 0..adaptive.min_spp)?;
+            painter.look()?;
+            painter.add(&mut sum, 0..adaptive.min_spp)?;
             needed.push(adaptive.needed(&sum));
             if bounds.contains(x, y) {
                 begun.push(sum);
@@ -278,7 +280,7 @@ impl<'a> PixelPainter<'a> {
     fn paint(&mut self, mut sum: PixelSum, samples: Range<u32>) -> Result<PixelSum, RenderError> {
         self.look()?;
         let before = self.counts.traced;
-        self.add(&mut sum, self.view.seed, samples)?;
+        self.add(&mut sum, samples)?;
         // Paths that were not needed are done too.
         self.unsaid += u64::from(self.view.spp).saturating_sub(self.counts.traced - before) as u32;
         self.progress.advance(u64::from(self.unsaid));
@@ -295,11 +297,11 @@ impl<'a> PixelPainter<'a> {
         if self.progress.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
     }
 
-    fn add(&mut self, sum: &mut PixelSum, seed: Seed, samples: Range<u32>) -> Result<(), RenderError> {
+    fn add(&mut self, sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
         let (x, y, view) = (self.x, self.y, self.view);
         let pixel = match view.adaptive {
-            Some(_) => PixelSamples::alone(seed, x, y),
-            None => PixelSamples::new(seed, view.spp, x, y),
+            Some(_) => PixelSamples::alone(view.seed, x, y),
+            None => PixelSamples::new(view.seed, view.spp, x, y),
         };
         for sample in samples {
             if self.unsaid >= SAMPLES_A_LOOK || self.counts.bounces - self.looked_at_bounce >= BOUNCES_A_LOOK {

@@ -118,6 +118,9 @@ impl World {
     /// The nearest light that the ray meets before `t_max`, but for surfaces; `is_camera` for rays that the camera sends.
     #[inline]
     pub fn nearest_light(&self, ray: &Ray, t_max: f32, is_camera: bool) -> Option<MetLight> {
+        if self.met.is_empty() {
+            return None;
+        }
         let hits = self.met.iter().filter_map(|&i| {
             let light = &self.lights[i as usize];
             let hit = light.intersect(ray).filter(|hit| hit.t < t_max && (light.is_visible() || !is_camera))?;

@@ -191,9 +191,9 @@ pub struct Film {
     /// Paths traced through each pixel; with `noise_target` the most. Default 128.
     #[schemars(range(min = 1, max = 16777216))]
     pub spp: u32,
-    /// A pixel has enough paths when the standard error of its luminance is this share of that luminance plus
-    /// 0.05 W/(m² sr): 0.02 is clean, 0.1 grainy. Unbiased, and the same on every run. Pixels that
-    /// see a shadow catcher have all of `spp`. Default none: all pixels have.
+    /// Paths go where they are needed: a pixel gets as many as bring those round it to a standard error of their luminance that is
+    /// this share of that luminance plus 0.05 W/(m² sr): 0.02 is clean, 0.1 grainy. Unbiased, and the same on every run. What is
+    /// but a pixel wide stays noisier. Pixels next to a shadow catcher have all of `spp`. Default none: all pixels have.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0001, max = 10.0))]
     pub noise_target: Option<f64>,

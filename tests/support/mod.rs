@@ -11,6 +11,7 @@ use curlsmoke::render::integrator::Integrator;
 use curlsmoke::render::media::Media;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::sampler::Sampler;
+use curlsmoke::render::sun_shadow::SunShadows;
 use curlsmoke::render::world::World;
 use curlsmoke::render::{self, TextureStore};
 use curlsmoke::scene::Scene;
@@ -106,7 +107,8 @@ fn estimate_media(
 ) -> [Estimate; 3] {
     const BLOCK: usize = 4096;
     let view = render::build_view(&stage.scene, 1, None);
-    let integrator = Integrator { world: &stage.world, media, sun_shadows: &Default::default(), limits: view.limits };
+    let sun_shadows = &SunShadows::new(&stage.world.lights, media.grids());
+    let integrator = Integrator { world: &stage.world, media, sun_shadows, limits: view.limits };
     let blocks = count.div_ceil(BLOCK);
     let means: Vec<DVec3> = (0..blocks)
         .into_par_iter()
