@@ -47,7 +47,7 @@ pub enum GridError {
     /// The grid would need more memory than allowed; nothing was allocated.
     #[error(
         "a grid of {}×{}×{} voxels ({brick_count} occupied bricks) and making it need {:.1} MiB, more than the {:.1} MiB that \
-         particles and picture leave within the limit; use larger voxels or a smaller region, or raise --memory-limit",
+         particles, picture and tables of suns leave within the limit; use larger voxels or a smaller region, or raise --memory-limit",
         voxels.x, voxels.y, voxels.z, *needed_bytes as f64 / 1048576.0, *limit_bytes as f64 / 1048576.0
     )]
     OverMemory {
