@@ -34,11 +34,11 @@ pub fn attributes(names: &[String]) -> Vec<(String, String)> {
 pub struct Coverage(Vec<(u32, f64)>);
 
 impl Coverage {
-    /// Adds a path that met a shape first, or `weight` of one.
-    pub fn add(&mut self, shape_idx: u32, weight: f64) {
+    /// Adds a path that met a shape first.
+    pub fn add(&mut self, shape_idx: u32) {
         match self.0.iter_mut().find(|(known, _)| *known == shape_idx) {
-            Some((_, sum)) => *sum += weight,
-            None => self.0.push((shape_idx, weight)),
+            Some((_, sum)) => *sum += 1.0,
+            None => self.0.push((shape_idx, 1.0)),
         }
     }
 
@@ -95,7 +95,7 @@ mod tests {
     fn shapes_are_listed_by_what_they_cover() {
         let mut coverage = Coverage::default();
         for shape_idx in [2, 0, 2, 2, 1, 2, 0] {
-            coverage.add(shape_idx, 1.0);
+            coverage.add(shape_idx);
         }
         let ids = ["a", "b", "c"].map(id);
         let ranked = coverage.ranked(&ids, 10.0);

@@ -223,7 +223,7 @@ impl PixelSum {
         self.moments.add(path.radiance);
         self.alpha += f64::from(path.alpha);
         if let Some(shape_idx) = path.shape_idx {
-            self.coverage.add(shape_idx, 1.0);
+            self.coverage.add(shape_idx);
         }
         if let Some(shadow) = path.shadow {
             self.caught += 1.0;
