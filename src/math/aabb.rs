@@ -1,6 +1,6 @@
 //! Axis-aligned boxes and the part of a ray inside them.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 /// A closed axis-aligned box; empty where a minimum exceeds its maximum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +74,15 @@ impl Aabb {
         }
         (t0 < t1).then_some((t0, t1))
     }
+
+    /// Whether all of the segment from `origin` to `end` lies beyond the plane of one face, so that it misses the box; false
+    /// leaves it open. Where coordinates of `end` are no number, as those of an infinite ray along a face, `origin` decides.
+    #[inline]
+    pub fn is_beside(&self, origin: Vec3, end: Vec3) -> bool {
+        let (a, b) = (Vec3A::from(origin), Vec3A::from(end));
+        // The second of two is what comes of a comparison with what is no number.
+        (b.min(a).cmpgt(self.max.into()) | b.max(a).cmplt(self.min.into())).any()
+    }
 }
 
 #[cfg(test)]
@@ -87,6 +96,27 @@ mod tests {
         assert_eq!(b.ray_interval(Vec3::ZERO, Vec3::X, 0.0, 10.0), Some((0.0, 1.0)));
         assert_eq!(b.ray_interval(Vec3::new(-3.0, 2.0, 0.0), Vec3::X, 0.0, 10.0), None);
         assert_eq!(b.ray_interval(Vec3::new(3.0, 0.0, 0.0), Vec3::X, 0.0, 10.0), None);
+    }
+
+    #[test]
+    fn what_is_beside_the_box_never_meets_it() {
+        use crate::math::hash::{CounterRng, Seed};
+        let b = Aabb::new(Vec3::new(-1.0, 0.0, 0.5), Vec3::new(1.0, 0.3, 2.0));
+        let mut rng = CounterRng::new(Seed(3));
+        let (mut beside, mut missed) = (0, 0);
+        for i in 0..4000 {
+            let mut point = || Vec3::from_array([(); 3].map(|()| rng.uniform() * 6.0 - 3.0));
+            let (origin, mut direction) = (point(), point());
+            direction[i % 5 % 3] *= f32::from(i % 5 < 3);
+            let t_max = if i % 2 == 0 { 1.0 } else { f32::INFINITY };
+            let meets = b.ray_interval(origin, direction, 0.0, t_max).is_some();
+            let is_beside = b.is_beside(origin, origin + direction * t_max);
+            assert!(!(meets && is_beside), "{origin} {direction} {t_max}");
+            beside += u32::from(is_beside);
+            missed += u32::from(!meets);
+        }
+        assert!(beside > 2000 && missed > beside, "{beside} of {missed}");
+        assert!(Aabb::EMPTY.is_beside(Vec3::ZERO, Vec3::ONE));
     }
 
     #[test]

@@ -19,6 +19,7 @@ use crate::render::light::{Light, LightSample};
 use crate::render::light_path::{EMISSION_GROUP, FirstEvent, Passage};
 use crate::render::material::{Sight, SurfacePoint};
 use crate::render::media::Media;
+use crate::render::medium::Matter;
 use crate::render::sampler::{Dimension, Sampler};
 use crate::render::sun_shadow::SunShadows;
 use crate::render::vertex::Vertex;
@@ -99,14 +100,23 @@ impl<'a> Integrator<'a> {
                 chroma =
                     self.media.tint().map(|ratios| Chroma::new(ratios, sampler.numbers(Dimension::Hero, bounce)[0]));
             }
+            // In smoke a flight mostly ends before anything else could be met, and what is near is found sooner. Where a
+            // colour or lamps are concerned, the way to the surface counts itself.
+            let flies_first = bounce > 0 && chroma.is_none() && self.world.lamps().is_empty();
+            let flown = flies_first.then(|| self.fly(&ray, f32::INFINITY, numbers[3], sampler, None));
+            let reach = flown.as_ref().map_or(f32::INFINITY, |(_, end)| beyond(*end, &ray));
             let hit = match bounce {
                 0 => self.world.seen_by_camera(&ray),
-                _ => self.world.surfaces.intersect(&ray, 0.0, f32::INFINITY),
+                _ => self.world.surfaces.intersect(&ray, 0.0, reach),
             };
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
-            let light = self.world.nearest_light(&ray, surface_t, bounce == 0);
+            let light = self.world.nearest_light(&ray, surface_t.min(reach), bounce == 0);
             let t_max = light.as_ref().map_or(surface_t, |met| met.t);
-            let (vertex, end) = self.fly(&ray, t_max, numbers[3], sampler, chroma.as_mut());
+            let (matter, end) = match flown {
+                Some((matter, end)) if end < short_of(t_max, &ray) => (matter, end),
+                Some(_) => (None, t_max),
+                None => self.fly(&ray, t_max, numbers[3], sampler, chroma.as_mut()),
+            };
             // What light from here on counts.
             let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
             let nearby = self.nearby(&ray, t_max, bounce);
@@ -121,8 +131,8 @@ impl<'a> Integrator<'a> {
                 let light = self.media.collected(&ray, end, sampler.stream());
                 contribution.add_scattered(carried * light, bounce, EMISSION_GROUP);
             }
-            let vertex = match vertex {
-                Some(vertex) => vertex,
+            let vertex = match matter {
+                Some(matter) => Vertex::Smoke { point: ray.at(end), matter, before: ray.direction },
                 None => match (light, hit) {
                     (Some(met), _) => {
                         let light_pdf = met.pdf * asked.density(self.world, met.light_idx);
@@ -201,7 +211,8 @@ impl<'a> Integrator<'a> {
         unreachable!("the loop ends by returning")
     }
 
-    /// The place where the ray meets smoke before `t_max`, if it does, and the distance at which its flight ends [m].
+    /// What the ray meets before `t_max`, if it meets smoke, and the distance at which its flight ends [m].
+    #[inline(always)]
     fn fly(
         &self,
         ray: &Ray,
@@ -209,14 +220,12 @@ impl<'a> Integrator<'a> {
         u: f32,
         sampler: &mut Sampler,
         chroma: Option<&mut Chroma>,
-    ) -> (Option<Vertex<'a>>, f32) {
+    ) -> (Option<Matter>, f32) {
         if self.media.is_empty() {
             return (None, t_max);
         }
-        // A collision that rounding moves behind the surface would be caught inside the solid for good.
-        let t_max = t_max * (1.0 - CLEARANCE) - CLEARANCE * ray.origin.0.abs().max_element();
-        match self.media.first_collision(ray, t_max, u, sampler.stream(), chroma) {
-            Some((t, matter)) => (Some(Vertex::Smoke { point: ray.at(t), matter, before: ray.direction }), t),
+        match self.media.first_collision(ray, short_of(t_max, ray), u, sampler.stream(), chroma) {
+            Some((t, matter)) => (Some(matter), t),
             None => (None, t_max),
         }
     }
@@ -359,6 +368,19 @@ impl<'a> Integrator<'a> {
         }
         unshadowed * transmittance
     }
+}
+
+/// Where smoke ends before a surface at distance `t` [m]: a collision that rounding moves behind the surface would be caught
+/// inside the solid for good.
+#[inline]
+fn short_of(t: f32, ray: &Ray) -> f32 {
+    t * (1.0 - CLEARANCE) - CLEARANCE * ray.origin.0.abs().max_element()
+}
+
+/// How far surfaces may be that a collision at distance `t` [m] is not short of.
+#[inline]
+fn beyond(t: f32, ray: &Ray) -> f32 {
+    t * (1.0 + 2.0 * CLEARANCE) + 2.0 * CLEARANCE * ray.origin.0.abs().max_element()
 }
 
 fn surface_vertex<'a>(hit: Hit, before: UnitVec3, point: &SurfacePoint<'a>) -> Vertex<'a> {

@@ -197,7 +197,7 @@ impl Drop for Scene {
 pub struct SceneBuilder {
     /// Nothing to hit needs no library.
     scene: Option<Scene>,
-    closed: Vec<(u32, Closed)>,
+    outside: Vec<Outside>,
     bounds: Aabb,
 }
 
@@ -210,7 +210,7 @@ impl Default for SceneBuilder {
 impl SceneBuilder {
     /// An empty scene.
     pub fn new() -> Self {
-        Self { scene: None, closed: Vec::new(), bounds: Aabb::EMPTY }
+        Self { scene: None, outside: Vec::new(), bounds: Aabb::EMPTY }
     }
 
     /// Adds triangles that hits report as shape `shape_idx`.
@@ -254,8 +254,8 @@ impl SceneBuilder {
     /// Where the library is missing or out of memory.
     pub fn add_solid(&mut self, solid: Arc<Solid>, shape_idx: u32) -> Result<(), EmbreeError> {
         self.bounds = self.bounds.union(&solid.bounds());
-        if let (Some(&closed), true) = (solid.closed(), self.closed.len() < OUTSIDE_THE_TREE) {
-            self.closed.push((shape_idx, closed));
+        if let (Some(&closed), true) = (solid.closed(), self.outside.len() < OUTSIDE_THE_TREE) {
+            self.outside.push(Outside { shape_idx, closed, bounds: solid.bounds() });
             return Ok(());
         }
         let scene = self.scene()?;
@@ -283,7 +283,7 @@ impl SceneBuilder {
             unsafe { (scene.functions.commit_scene)(scene.handle) };
             scene.device.check("building the tree")?;
         }
-        Ok(TraceScene { scene: self.scene, closed: self.closed, bounds: self.bounds })
+        Ok(TraceScene { scene: self.scene, outside: self.outside, bounds: self.bounds })
     }
 
     fn scene(&mut self) -> Result<&mut Scene, EmbreeError> {
@@ -316,10 +316,29 @@ impl Scene {
     }
 }
 
+/// A solid with a closed form that is met outside of the tree.
+struct Outside {
+    shape_idx: u32,
+    closed: Closed,
+    /// What tells most rays past it.
+    bounds: Aabb,
+}
+
+impl Outside {
+    /// As [`Closed::crossing`], of a ray that ends at `end` or before.
+    #[inline]
+    fn crossing(&self, ray: &Ray, end: WorldPoint, t_min: f32, t_max: f32) -> Option<f32> {
+        if self.bounds.is_beside(ray.origin.0, end.0) {
+            return None;
+        }
+        self.closed.crossing(ray.origin.0, ray.direction.as_vec3(), t_min, t_max)
+    }
+}
+
 /// A scene that rays can be sent through. Finds the same hits whatever thread asks.
 pub struct TraceScene {
     scene: Option<Scene>,
-    closed: Vec<(u32, Closed)>,
+    outside: Vec<Outside>,
     bounds: Aabb,
 }
 
@@ -341,13 +360,14 @@ impl TraceScene {
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_min: f32, t_max: f32) -> Option<Hit> {
         let (mut t_nearest, mut nearest) = (t_max, None);
-        for candidate in &self.closed {
-            if let Some(t) = candidate.1.crossing(ray.origin.0, ray.direction.as_vec3(), t_min, t_nearest) {
+        let end = ray.at(t_max);
+        for candidate in &self.outside {
+            if let Some(t) = candidate.crossing(ray, end, t_min, t_nearest) {
                 (t_nearest, nearest) = (t, Some(candidate));
             }
         }
         self.intersect_tree(ray, t_min, t_nearest).or_else(|| {
-            let (shape_idx, closed) = nearest?;
+            let Outside { shape_idx, closed, .. } = nearest?;
             Some(hit_on_solid(ray, t_nearest, *shape_idx, |position| closed.normal_at(position)))
         })
     }
@@ -373,8 +393,8 @@ impl TraceScene {
     /// True where any surface lies between `t_min` and `t_max` [m] along the ray.
     #[inline]
     pub fn is_occluded(&self, ray: &Ray, t_min: f32, t_max: f32) -> bool {
-        let (origin, direction) = (ray.origin.0, ray.direction.as_vec3());
-        if self.closed.iter().any(|(_, solid)| solid.crossing(origin, direction, t_min, t_max).is_some()) {
+        let end = ray.at(t_max);
+        if self.outside.iter().any(|solid| solid.crossing(ray, end, t_min, t_max).is_some()) {
             return true;
         }
         let Some(scene) = &self.scene else { return false };
