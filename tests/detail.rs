@@ -10,6 +10,7 @@ use curlsmoke::render;
 use curlsmoke::render::media::Media;
 use curlsmoke::render::medium::Medium;
 use curlsmoke::render::sampler::Stream;
+use curlsmoke::render::sun_shadow::Shadows;
 use glam::Vec3;
 use support::{Stage, centered_grid, estimate_colors, stage};
 
@@ -64,7 +65,7 @@ fn light_through_detail_is_as_quadrature_says() {
         let n = 20_000;
         let media = Media::from(Some(&medium));
         let values: Vec<f64> =
-            (0..n).map(|_| f64::from(media.transmittance(&beam, 10.0, &[], &mut stream).x)).collect();
+            (0..n).map(|_| f64::from(media.transmittance(&beam, 10.0, Shadows::NONE, &mut stream).x)).collect();
         let mean = values.iter().sum::<f64>() / f64::from(n);
         let error = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt() / f64::from(n);
         println!("extinction {extinction}: {mean} ± {error}, expected {}", (-tau).exp());

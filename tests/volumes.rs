@@ -14,6 +14,7 @@ use curlsmoke::render;
 use curlsmoke::render::even::EvenMedium;
 use curlsmoke::render::media::{Media, Volume};
 use curlsmoke::render::sampler::Stream;
+use curlsmoke::render::sun_shadow::Shadows;
 use curlsmoke::scene::Scene;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
@@ -168,8 +169,8 @@ fn a_ball_dims_light_by_the_law_of_its_chord() {
         let chord = 2.0 * f64::from((1.0 - height * height).max(0.0).sqrt());
         let expected = [1.0, 0.5, 0.0].map(|ratio| (-1.5 * ratio * chord).exp());
         let mut stream = Stream::new(Seed(1));
-        let exact = Media::new(None, &volumes).transmittance(&beam, 100.0, &[], &mut stream);
-        let by_mesh = Media::new(None, &of_triangles).transmittance(&beam, 100.0, &[], &mut stream);
+        let exact = Media::new(None, &volumes).transmittance(&beam, 100.0, Shadows::NONE, &mut stream);
+        let by_mesh = Media::new(None, &of_triangles).transmittance(&beam, 100.0, Shadows::NONE, &mut stream);
         let found = estimate_colors(&stage, Media::new(None, &volumes), 50_000, 3, |_| beam);
         for i in 0..3 {
             assert!((f64::from(exact[i]) - expected[i]).abs() < 3e-6, "{exact} {expected:?}");
@@ -177,7 +178,7 @@ fn a_ball_dims_light_by_the_law_of_its_chord() {
             assert_is(found[i], expected[i], &format!("chord {chord}, channel {i}"));
         }
         // Half of the way, to the middle of the ball.
-        let half = Media::new(None, &volumes).transmittance(&beam, 5.0, &[], &mut stream);
+        let half = Media::new(None, &volumes).transmittance(&beam, 5.0, Shadows::NONE, &mut stream);
         assert!((f64::from(half.x) - (-0.75 * chord).exp()).abs() < 3e-6);
     }
 }

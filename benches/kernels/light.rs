@@ -22,6 +22,7 @@ use curlsmoke::render::tiles::{View, render};
 use curlsmoke::render::tracking::{estimate_transmittance, sample_collision};
 use curlsmoke::render::world::World;
 use glam::{UVec3, Vec3};
+use std::f32::consts::FRAC_1_PI;
 use std::hint::black_box;
 
 const RAYS: u32 = 4096;
@@ -113,7 +114,7 @@ pub fn sun_transmittances() -> Workload {
     let (world, medium) = (world(), medium());
     let sun_shadows = SunShadows::new(&world.lights, std::iter::once(&medium));
     Workload::new(RAYS as usize, move || {
-        let shadow = sun_shadows.towards(0)[0].as_ref().expect("there is smoke");
+        let shadow = sun_shadows.towards(0, 0.25 * FRAC_1_PI).of_volume(0).expect("there is smoke");
         for i in 0..RAYS {
             let seed = Seed(5).derive(u64::from(i));
             let origin = WorldPoint(Vec3::new(seed.uniform(0), seed.uniform(1), seed.uniform(2)) * 2.0 - 1.0);

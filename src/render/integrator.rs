@@ -121,10 +121,10 @@ impl<'a> Integrator<'a> {
             let carried = chroma.as_ref().map_or(throughput, |chroma| throughput * chroma.weight());
             let nearby = self.nearby(&ray, t_max, bounce);
             if let Some(nearby) = &nearby
-                && let Some((i, light)) = self.nearby_light(nearby, &ray, bounce, sampler)
+                && let Some((i, light)) = self.nearby_light(nearby, &ray, carried, bounce, sampler)
             {
                 let first = if bounce == 0 { FirstEvent::Smoke } else { contribution.first };
-                contribution.add(carried * light, Passage::scattered(first, bounce + 1), self.world.groups[i]);
+                contribution.add(light, Passage::scattered(first, bounce + 1), self.world.groups[i]);
             }
             if self.media.glows() {
                 // No light of the direct connections either.
@@ -260,7 +260,7 @@ impl<'a> Integrator<'a> {
         out: &mut Contribution,
     ) {
         let Some((sample, target, factor)) = self.ask(vertex, asked, bounce, sampler) else { return };
-        let light = throughput * self.connection(vertex, &sample, target, factor, sampler);
+        let light = self.connection(vertex, &sample, target, throughput * factor, sampler);
         out.add_scattered(light, bounce + 1, self.world.groups[target]);
     }
 
@@ -319,7 +319,14 @@ impl<'a> Integrator<'a> {
     }
 
     /// Light of one of the lamps near a flight that is scattered once on the way, from a distance taken for that lamp.
-    fn nearby_light(&self, nearby: &Nearby, ray: &Ray, bounce: u32, sampler: &mut Sampler) -> Option<(usize, Rgb)> {
+    fn nearby_light(
+        &self,
+        nearby: &Nearby,
+        ray: &Ray,
+        throughput: Rgb,
+        bounce: u32,
+        sampler: &mut Sampler,
+    ) -> Option<(usize, Rgb)> {
         let u = sampler.numbers(Dimension::Distance, bounce);
         let place = nearby.sample(self.world.lamps(), [u[0], u[1]])?;
         let flight = self.media.flight_density(ray, place.t);
@@ -335,21 +342,25 @@ impl<'a> Integrator<'a> {
         let pmf = self.world.pmf(vertex.point(), place.light_idx);
         let mis = connection_weight(&vertex, &sample, place.density / flight, pmf);
         let factor = mis * flight / place.density;
-        Some((place.light_idx, self.connection(&vertex, &sample, place.light_idx, factor, sampler)))
+        Some((place.light_idx, self.connection(&vertex, &sample, place.light_idx, throughput * factor, sampler)))
     }
 
-    /// What a connection brings, times `factor`.
+    /// What a connection brings that counts `weight`.
     fn connection(
         &self,
         vertex: &Vertex,
         sample: &LightSample,
         target: usize,
-        factor: f32,
+        weight: Rgb,
         sampler: &mut Sampler,
     ) -> Rgb {
+        let reflected = vertex.value(sample.direction) * weight;
+        if reflected.max_element() <= 0.0 {
+            return Vec3::ZERO;
+        }
         let ray = Ray { origin: vertex.leave(sample.direction), direction: sample.direction };
         // Deep in thick smoke the shadow is known to be full before anything else is asked.
-        let shadows = self.sun_shadows.towards(target);
+        let shadows = self.sun_shadows.towards(target, reflected.max_element());
         let mut transmittance = Vec3::ONE;
         if !shadows.is_empty() {
             transmittance = self.media.transmittance(&ray, sample.distance, shadows, sampler.stream());
@@ -357,16 +368,15 @@ impl<'a> Integrator<'a> {
                 return Vec3::ZERO;
             }
         }
-        let unshadowed = vertex.value(sample.direction) * sample.weight * factor;
         // Stop short of the light itself.
         let t_max = sample.distance * (1.0 - 1e-4);
-        if unshadowed.max_element() <= 0.0 || self.world.is_blocked(&ray, t_max, target) {
+        if self.world.is_blocked(&ray, t_max, target) {
             return Vec3::ZERO;
         }
         if shadows.is_empty() {
             transmittance = self.media.transmittance(&ray, sample.distance, shadows, sampler.stream());
         }
-        unshadowed * transmittance
+        reflected * sample.weight * transmittance
     }
 }
 

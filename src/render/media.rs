@@ -17,7 +17,7 @@ use crate::render::even::EvenMedium;
 use crate::render::glow;
 use crate::render::medium::{Matter, Medium};
 use crate::render::sampler::Stream;
-use crate::render::sun_shadow::SunShadow;
+use crate::render::sun_shadow::{ShadowFor, Shadows};
 use crate::render::through::{Column, view_through_all};
 use crate::render::tracking::{
     Event, estimate_tinted_transmittance, estimate_transmittance, optical_distance, sample_collision,
@@ -173,9 +173,9 @@ impl<'a> Media<'a> {
     /// An unbiased estimate of the transmittance from the ray's origin to distance `t_max` [m]. `shadows` are those of
     /// [`Media::grids`] where the ray goes to a sun, and make it cheaper; without, each channel is in [0, 1].
     #[inline]
-    pub fn transmittance(&self, ray: &Ray, t_max: f32, shadows: &[Option<SunShadow>], stream: &mut Stream) -> Rgb {
+    pub fn transmittance(&self, ray: &Ray, t_max: f32, shadows: Shadows, stream: &mut Stream) -> Rgb {
         if self.volumes.is_empty() {
-            let shadow = shadows.first().and_then(Option::as_ref);
+            let shadow = shadows.of_volume(0);
             return self.smoke.map_or(Vec3::ONE, |medium| grid_transmittance(medium, ray, t_max, shadow, stream));
         }
         // What is exact and costs little first: where nothing comes through, nothing else is asked.
@@ -186,7 +186,7 @@ impl<'a> Media<'a> {
         let mut all = even.fold(Vec3::ONE, |a, b| a * b);
         for (i, medium) in self.grids().enumerate() {
             if all != Vec3::ZERO {
-                let shadow = shadows.get(i).and_then(Option::as_ref);
+                let shadow = shadows.of_volume(i);
                 all *= grid_transmittance(medium, ray, t_max, shadow, stream);
             }
         }
@@ -304,7 +304,7 @@ impl Each<'_> {
     }
 }
 
-fn grid_transmittance(medium: &Medium, ray: &Ray, t_max: f32, shadow: Option<&SunShadow>, stream: &mut Stream) -> Rgb {
+fn grid_transmittance(medium: &Medium, ray: &Ray, t_max: f32, shadow: Option<ShadowFor>, stream: &mut Stream) -> Rgb {
     if let Some(shadow) = shadow {
         return Vec3::splat(shadow.estimate_transmittance(medium, ray, stream));
     }
