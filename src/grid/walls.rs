@@ -50,17 +50,17 @@ impl<'a> Walls<'a> {
         distances: &mut [&mut Option<Box<BrickDistances>>],
     ) -> Self {
         let first = range.start;
-        let near = soundings(streaks, sight, range);
+        let Soundings { near, pieces } = Soundings::new(streaks, sight, range);
         let mut kept: Vec<Option<f64>> = near.iter().map(|near| near.map(|_| 0.0)).collect();
         let near_of = |b: &BrickPairs, pair: u64| Some((b.particle(pair), near[b.particle(pair) - first]?));
         let measured = parallel::try_map(bricks.iter().zip(distances), |_, (b, distances)| {
-            let near: Vec<(usize, Sounding)> = b.pairs.iter().filter_map(|&pair| near_of(b, pair)).collect();
+            let near: Vec<(usize, usize)> = b.pairs.iter().filter_map(|&pair| near_of(b, pair)).collect();
             if near.is_empty() {
                 return Ok::<_, std::convert::Infallible>((Vec::new(), Vec::new()));
             }
             let distances = distances.get_or_insert_with(|| sight.of_brick(b.brick));
             let mut pass = FirstPass::new(streaks, sight, b.brick, distances);
-            near.iter().for_each(|&(i, own)| pass.look(i, own));
+            near.iter().for_each(|&(i, first_piece)| pass.look(i, &pieces[first_piece..]));
             sight.follow(&mut pass.lines, &mut pass.seen);
             let mut next = 0;
             let shares: Vec<(u32, f64)> =
@@ -89,29 +89,68 @@ impl<'a> Walls<'a> {
     }
 }
 
-/// The place of each particle of `range` with its distance to the wall, of those that a wall may take something from.
-fn soundings(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Vec<Option<Sounding>> {
-    /// Enough to fill lanes.
-    const PIECE: usize = 1024;
-    let mut near: Vec<Option<Sounding>> = vec![None; range.len()];
-    parallel::for_each_chunk_mut(&mut near, PIECE, |n, near| {
-        let first = range.start + n * PIECE;
-        let middles: Vec<_> = (first..first + near.len()).map(|i| streaks.middle(i)).collect();
-        let places: Vec<_> = middles.iter().map(|(place, _)| *place).collect();
-        let distances = sight.sound_all(&places);
-        for (at, near) in near.iter_mut().enumerate() {
-            let (i, (middle, half_length)) = (first + at, middles[at]);
-            let own = streaks.own_place(i);
-            // A shutter that is open at another time than the particle's instant: the line of sight to the pieces counts.
-            let radius = streaks.radius(i);
-            let reach = radius * 3f64.sqrt() + half_length.max(middle.distance(own));
-            if streaks.has_mass(i) && distances[at] < reach + sight.soft_radius(radius) {
-                let distance = if own == middle { distances[at] } else { sight.sound(own).distance };
-                *near = Some(Sight::sounding_of_particle(own, distance));
-            }
+/// What walls are to the particles of a batch, before anything is asked about voxels.
+struct Soundings {
+    /// Of particles that a wall may take something from, where their pieces begin in `pieces`; `None` of others.
+    near: Vec<Option<usize>>,
+    /// For each piece of those the distance of its centre to the wall, or `BEHIND`.
+    pieces: Vec<f64>,
+}
+
+/// Stands for the distance of a piece behind a wall: the streak is straight and the particle's path went round.
+const BEHIND: f64 = -1.0;
+
+impl Soundings {
+    fn new(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Self {
+        /// Particles that are asked for together: enough to fill lanes.
+        const TOGETHER: usize = 1024;
+        let found = parallel::map(range.len().div_ceil(TOGETHER), |n| {
+            let start = range.start + n * TOGETHER;
+            sound_together(streaks, sight, start..range.end.min(start + TOGETHER))
+        });
+        let mut all = Self { near: Vec::with_capacity(range.len()), pieces: Vec::new() };
+        for Self { near, pieces } in found {
+            let before = all.pieces.len();
+            all.near.extend(near.into_iter().map(|first| Some(before + first?)));
+            all.pieces.extend(pieces);
         }
-    });
-    near
+        all
+    }
+}
+
+fn sound_together(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Soundings {
+    let middles: Vec<_> = range.clone().map(|i| streaks.middle(i)).collect();
+    let places: Vec<_> = middles.iter().map(|(place, _)| *place).collect();
+    let mut near = Vec::with_capacity(range.len());
+    let (mut particles, mut centers) = (Vec::new(), Vec::new());
+    for ((i, (middle, half_length)), distance) in range.zip(middles).zip(sight.sound_all(&places)) {
+        let own = streaks.own_place(i);
+        // A shutter that is open at another time than the particle's instant: the line of sight to the pieces counts.
+        let radius = streaks.radius(i);
+        let reach = radius * 3f64.sqrt() + half_length.max(middle.distance(own));
+        let is_near = streaks.has_mass(i) && distance < reach + sight.soft_radius(radius);
+        near.push(is_near.then_some(centers.len()));
+        if is_near {
+            let count = streaks.piece_count(i);
+            let distance = if own == middle { distance } else { sight.sound(own).distance };
+            particles.push((Sight::sounding_of_particle(own, distance), count));
+            centers.extend((0..count).map(|k| streaks.center(i, k, count)));
+        }
+    }
+    let mut pieces = sight.sound_all(&centers);
+    let mut first = 0;
+    for (own, count) in particles {
+        for piece in first..first + count as usize {
+            let at = if centers[piece] == own.place {
+                own
+            } else {
+                Sounding { place: centers[piece], distance: pieces[piece] }
+            };
+            pieces[piece] = if sight.is_clear(own, at) { at.distance } else { BEHIND };
+        }
+        first += count as usize;
+    }
+    Soundings { near, pieces }
 }
 
 /// Lines of sight that are followed together: enough to fill lanes, few enough to stay in the cache.
@@ -135,20 +174,20 @@ impl<'a> FirstPass<'a> {
         Self { streaks, sight, brick, distances, seen, lines, kernel }
     }
 
-    /// Adds what each piece of particle `i` sees of the brick, and the lines of sight that are yet to be followed.
-    fn look(&mut self, i: usize, own: Sounding) {
+    /// Adds what each piece of particle `i` sees of the brick, and the lines of sight that are yet to be followed. `distances` are
+    /// those of its pieces.
+    fn look(&mut self, i: usize, distances: &[f64]) {
         let (radius, count) = (self.streaks.radius(i), self.streaks.piece_count(i));
-        for k in 0..count {
+        for (k, &distance) in (0..count).zip(distances) {
             let center = self.streaks.center(i, k, count);
             if !touches(center, radius, self.brick) {
                 continue;
             }
-            let from = if center == own.place { own } else { self.sight.sound(center) };
             let slot = self.seen.len();
             let mut seen = Seen::default();
-            // A piece behind a wall: the streak is straight and the particle's path went round.
-            if self.sight.is_clear(own, from) {
+            if distance != BEHIND {
                 let Self { brick, distances, lines, kernel, .. } = self;
+                let from = Sounding { place: center, distance };
                 kernel.place(center, radius);
                 run_kernel(Ask { kernel, lines, from, brick: *brick, distances, slot, seen: &mut seen });
             }

@@ -344,7 +344,10 @@ mod tests {
                 assert!(mean.abs() < 4.0 * deviation / f64::from(N).sqrt(), "{direction:?}: {mean} of {deviation}");
                 // The other smoke's shadow is wrong almost everywhere.
                 let is_own = std::ptr::eq(holder, &smoke);
-                assert!(if is_own { deviation < 0.12 } else { deviation > 0.2 / f64::from(worth) }, "{deviation} {worth}");
+                assert!(
+                    if is_own { deviation < 0.12 } else { deviation > 0.2 / f64::from(worth) },
+                    "{deviation} {worth}"
+                );
             }
         }
     }
