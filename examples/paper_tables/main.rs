@@ -10,7 +10,8 @@ mod surfaces;
 mod warps;
 
 use curlsmoke::output::file::write_atomic;
-use curlsmoke::output::png::{self, View};
+use curlsmoke::output::png;
+use curlsmoke::output::view::View;
 use std::path::{Path, PathBuf};
 
 /// What is written: text, and pictures beside it.

@@ -7,7 +7,8 @@ use crate::output::denoise::{self, DenoiseSettings};
 use crate::output::exr::{self, Compression};
 use crate::output::file::{check_writable, write_atomic};
 use crate::output::oidn::Denoiser;
-use crate::output::png::{self, View};
+use crate::output::png;
+use crate::output::view::View;
 use std::path::Path;
 
 /// Denoises; the exit code.

@@ -8,8 +8,9 @@ use crate::inspect::warp::{Circle, Warp};
 use crate::math::hash::Seed;
 use crate::output::exr::{self, Compression};
 use crate::output::file::{check_writable, write_atomic};
-use crate::output::png::{self, View};
+use crate::output::png;
 use crate::output::read_image;
+use crate::output::view::View;
 
 /// Least size of swirls: smaller ones are no picture.
 const LENGTH_MIN: f64 = 1e-4;

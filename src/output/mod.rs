@@ -13,6 +13,7 @@ pub mod image;
 pub mod oidn;
 pub mod png;
 pub mod sidecar;
+pub mod view;
 
 use crate::output::image::Image;
 use std::fs::File;
@@ -131,11 +132,13 @@ pub(crate) fn check_memory(path: &Path, needed: u64, limit: u64) -> Result<(), O
     Ok(())
 }
 
-impl From<crate::scene::settings::View> for png::View {
+impl From<crate::scene::settings::View> for view::View {
     fn from(view: crate::scene::settings::View) -> Self {
         match view {
             crate::scene::settings::View::Standard => Self::Standard,
             crate::scene::settings::View::Neutral => Self::Neutral,
+            crate::scene::settings::View::Agx => Self::Agx,
+            crate::scene::settings::View::FalseColor => Self::FalseColor,
             crate::scene::settings::View::Raw => Self::Raw,
         }
     }

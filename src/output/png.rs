@@ -1,65 +1,11 @@
 //! PNG: pictures to look at, mapped from light to the screen, and textures to read.
 
 use crate::output::image::{Image, SampleKind};
+use crate::output::view::{View, linear_from_srgb};
 use crate::output::{OutputError, check_memory, read_bytes};
 use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits, SrgbRenderingIntent, Transformations};
 use std::io::Cursor;
 use std::path::Path;
-
-/// How light is mapped to the screen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum View {
-    /// Cut at 1, sRGB transfer curve.
-    Standard,
-    /// Khronos PBR Neutral, sRGB transfer curve: colours as they are up to 0.8, highlights rolled off.
-    Neutral,
-    /// Cut at 1, no transfer curve.
-    Raw,
-}
-
-impl View {
-    /// What the screen shows for linear Rec. 709 light, 0 to 1. Not-a-number shows as 0.
-    pub fn apply(self, rgb: [f32; 3]) -> [f32; 3] {
-        match self {
-            Self::Standard => rgb.map(|x| srgb_from_linear(unit(x))),
-            Self::Neutral => pbr_neutral(rgb.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1e9) }))
-                .map(|x| srgb_from_linear(unit(x))),
-            Self::Raw => rgb.map(unit),
-        }
-    }
-}
-
-fn unit(x: f32) -> f32 {
-    if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) }
-}
-
-/// Khronos PBR Neutral tone mapper (2024 specification), for light in [0, ∞).
-fn pbr_neutral(rgb: [f32; 3]) -> [f32; 3] {
-    /// Light reflected by a dielectric at normal incidence, which the mapper takes off.
-    const F90: f32 = 0.04;
-    const START: f32 = 0.8 - F90;
-    const DESATURATION: f32 = 0.15;
-    let low = rgb[0].min(rgb[1]).min(rgb[2]);
-    let offset = if low < 2.0 * F90 { low - low * low / (4.0 * F90) } else { F90 };
-    let rgb = rgb.map(|x| x - offset);
-    let peak = rgb[0].max(rgb[1]).max(rgb[2]);
-    if peak < START {
-        return rgb;
-    }
-    let range = 1.0 - START;
-    let new_peak = 1.0 - range * range / (peak + range - START);
-    let toward_white = 1.0 - 1.0 / (DESATURATION * (peak - new_peak) + 1.0);
-    rgb.map(|x| x * new_peak / peak * (1.0 - toward_white) + new_peak * toward_white)
-}
-
-/// IEC 61966-2-1 transfer curve.
-fn srgb_from_linear(x: f32) -> f32 {
-    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
-}
-
-fn linear_from_srgb(x: f32) -> f32 {
-    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
-}
 
 fn encoding_error(problem: impl ToString) -> OutputError {
     OutputError::Encoding { format: "PNG", problem: problem.to_string() }
@@ -155,29 +101,6 @@ mod tests {
         let one = encode(&[[0.5; 3]], [1, 1], View::Standard, 0.0).unwrap();
         let two = encode(&[[0.125; 3]], [1, 1], View::Standard, 2.0).unwrap();
         assert_eq!(one, two);
-    }
-
-    #[test]
-    fn neutral_view_keeps_colours_and_never_cuts_a_highlight() {
-        // Above 2·F90 and below 0.8 the mapper only takes 0.04 off.
-        let kept = pbr_neutral([0.5, 0.4, 0.3]);
-        assert!((kept[0] - 0.46).abs() < 1e-6 && (kept[2] - 0.26).abs() < 1e-6);
-        let mut last = 0.0;
-        for stop in 0..20 {
-            let bright = pbr_neutral([2f32.powi(stop), 0.1, 0.1])[0];
-            assert!(bright >= last && bright <= 1.0);
-            last = bright;
-        }
-    }
-
-    #[test]
-    fn numbers_that_are_none_do_not_break_a_picture() {
-        for view in [View::Standard, View::Neutral, View::Raw] {
-            for x in [f32::NAN, f32::INFINITY, -f32::INFINITY, -1.0, 1e30] {
-                let shown = view.apply([x, 0.5, 0.5]);
-                assert!(shown.iter().all(|s| (0.0..=1.0).contains(s)), "{view:?} {x}: {shown:?}");
-            }
-        }
     }
 
     #[test]

@@ -128,6 +128,11 @@ pub enum View {
     Standard,
     /// Khronos PBR Neutral: colours as they are up to 0.8, highlights rolled off.
     Neutral,
+    /// AgX as Blender shows it: light rolls off over sixteen stops, and bright colours fade to white as on film.
+    Agx,
+    /// A colour for each stop of luminance, to judge exposure by: grey about middle grey (0.18), green and blue down to black 8
+    /// stops below, yellow from half a stop above, orange where `standard` is white (2.5 stops) and white where `agx` is (6.5).
+    FalseColor,
     /// Cut at 1, no transfer curve.
     Raw,
 }
