@@ -11,6 +11,7 @@ use crate::inspect::InspectError;
 use crate::output::OutputError;
 use crate::output::denoise::DenoiseError;
 use crate::output::frames::FramesError;
+use crate::output::movie::MovieError;
 use crate::output::oidn::OidnError;
 use crate::particles::ParticlesError;
 use crate::render::RenderError;
@@ -46,6 +47,9 @@ pub enum Error {
     /// Pictures and other files.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// A movie of the frames.
+    #[error(transparent)]
+    Movie(#[from] MovieError),
     /// Looking at the flow.
     #[error(transparent)]
     Inspect(#[from] InspectError),
@@ -111,7 +115,11 @@ impl Error {
             Error::Render(e) => render_exit_code(e),
             Error::Cancelled | Error::Internal(_) => 1,
             Error::Output(e) => output_exit_code(e),
-            Error::Denoise { source: DenoiseError::Oidn(OidnError::Load(_)), .. } => 4,
+            Error::Movie(MovieError::NoFfmpeg(_))
+            | Error::Denoise { source: DenoiseError::Oidn(OidnError::Load(_)), .. } => 4,
+            Error::Movie(MovieError::File(e)) => output_exit_code(e),
+            Error::Movie(MovieError::Name { .. }) => 2,
+            Error::Movie(MovieError::Failed { .. }) => 1,
             Error::Denoise { source: DenoiseError::Oidn(_), .. } => 1,
             Error::Denoise { .. } => 3,
             Error::InScene { source, .. } => source.exit_code(),

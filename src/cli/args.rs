@@ -4,6 +4,7 @@ use crate::cli::places::{self, Extent, Length, Plane};
 use crate::cli::progress::Style;
 use crate::cli::values::{Crop, Memory, Override, Resolution};
 use crate::inspect::slice_picture::Quantity;
+use crate::output::view::View;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -55,6 +56,9 @@ pub enum Verb {
         after_help = "Example: curlsmoke streamlines scenes/ring.yaml -o out/ring.ply --preview out/ring.lines.png"
     )]
     Streamlines(StreamlinesArguments),
+    /// Lay pictures out on one sheet with their names; of a single .exr, a .png as the screen shows it
+    #[command(after_help = "Example: curlsmoke sheet out/plume.00*.exr -o out/sheet.png --width 320 --view agx")]
+    Sheet(SheetArguments),
     /// Let a picture flow: warp it by noise that stirs and never thins or folds
     #[command(after_help = "Example: curlsmoke warp waves.png -o out/warped.png --length 0.3 --distance 0.5")]
     Warp(WarpArguments),
@@ -133,6 +137,9 @@ pub struct RenderArguments {
     /// Print what would be made, files and all, and make nothing
     #[arg(long)]
     pub dry_run: bool,
+    /// Afterwards make a movie of all previews, with the system's ffmpeg: .mp4, .mov, .mkv or .webm
+    #[arg(long, value_name = "FILE")]
+    pub movie: Option<PathBuf>,
 }
 
 /// Flags of `bake`.
@@ -371,6 +378,63 @@ pub struct DenoiseArguments {
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,
+}
+
+/// Flags of `sheet`.
+#[derive(Debug, Args)]
+pub struct SheetArguments {
+    /// The pictures (.exr, .hdr, .png), in their order from left to right and top to bottom
+    #[arg(required = true)]
+    pub images: Vec<PathBuf>,
+    /// The sheet (.png)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Pictures side by side [default: as many as make the sheet about as wide as a screen]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..))]
+    pub columns: Option<u32>,
+    /// Scale wider pictures down to this width in pixels
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub width: Option<u32>,
+    /// How light is mapped to the screen; .png pictures are shown as they are
+    #[arg(long, value_enum, default_value_t = ViewChoice::Standard)]
+    pub view: ViewChoice,
+    /// Stops of exposure; not of .png pictures
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f64,
+    /// Leave names out
+    #[arg(long)]
+    pub no_labels: bool,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// How light is mapped to the screen: those of `output.view`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
+pub enum ViewChoice {
+    /// Cut at 1, sRGB transfer curve
+    Standard,
+    /// Khronos PBR Neutral: highlights rolled off above 0.8
+    Neutral,
+    /// AgX as Blender shows it
+    Agx,
+    /// A colour for each stop of luminance
+    FalseColor,
+    /// Cut at 1, no transfer curve
+    Raw,
+}
+
+impl From<ViewChoice> for View {
+    fn from(choice: ViewChoice) -> Self {
+        match choice {
+            ViewChoice::Standard => Self::Standard,
+            ViewChoice::Neutral => Self::Neutral,
+            ViewChoice::Agx => Self::Agx,
+            ViewChoice::FalseColor => Self::FalseColor,
+            ViewChoice::Raw => Self::Raw,
+        }
+    }
 }
 
 /// Flags of `warp`.

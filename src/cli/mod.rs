@@ -12,6 +12,7 @@ mod places;
 mod points;
 pub mod progress;
 mod render;
+mod sheet;
 mod signals;
 mod streamlines;
 mod values;
@@ -55,6 +56,7 @@ pub fn run() -> u8 {
         Verb::Denoise(arguments) => denoise::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),
+        Verb::Sheet(arguments) => sheet::run(&arguments),
         Verb::Warp(arguments) => warp::run(&arguments),
         Verb::Points(arguments) => points::run(&arguments),
     };

@@ -6,12 +6,14 @@ use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
 use crate::cli::{STOPPED, log, print_result, report};
 use crate::error::Error;
+use crate::output::file::check_writable;
 use crate::output::frames::check_distinct;
+use crate::output::movie;
 use crate::pipeline::{self, FrameOutcome, RenderJob};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::scene::pattern::{Pattern, spell};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Renders; the exit code.
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
@@ -20,6 +22,7 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     let resolution = scene.settings.film.resolution;
     let crop = arguments.crop.map(|crop| crop.bounds(resolution)).transpose().map_err(Error::Usage)?;
     let names = Names::of(&scene)?;
+    let movie = arguments.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &frames)).transpose()?;
     if arguments.dry_run {
         return describe(&scene, &frames, &names).map(|()| 0);
     }
@@ -36,7 +39,36 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
             printed = reporter.suspend(|| print_result(&line));
         }
     });
-    conclude(result.and(printed), &reporter, &signals)
+    let result = result.and(printed).and_then(|()| movie.map_or(Ok(()), |movie| movie.make()));
+    conclude(result, &reporter, &signals)
+}
+
+/// A movie to be made of all previews.
+struct Movie<'a> {
+    path: &'a Path,
+    previews: Vec<PathBuf>,
+    fps: f64,
+}
+
+impl<'a> Movie<'a> {
+    /// What can be known before anything is rendered.
+    fn prepare(path: &'a Path, scene: &Scene, names: &Names, frames: &[i32]) -> Result<Self, Error> {
+        movie::check(path)?;
+        check_writable(path)?;
+        let preview = names.preview.as_ref().ok_or_else(|| {
+            Error::Usage(
+                "--movie is made of previews, and the scene has none; add --set output.preview=out/{scene}.####.png"
+                    .into(),
+            )
+        })?;
+        let previews = frames.iter().map(|&frame| preview.expand(frame, &names.scene).into()).collect();
+        Ok(Self { path, previews, fps: scene.settings.frames.fps })
+    }
+
+    fn make(&self) -> Result<(), Error> {
+        movie::make(&self.previews, self.fps, self.path)?;
+        print_result(&self.path.display().to_string())
+    }
 }
 
 /// Ends a run of frames: the exit code, with the signal's if one came.

@@ -10,6 +10,7 @@ pub mod plane;
 pub mod point_file;
 pub mod point_plot;
 pub mod probe;
+pub mod sheet;
 pub mod slice;
 pub mod slice_picture;
 pub mod stream;

@@ -10,6 +10,7 @@ pub mod frames;
 pub mod hdr;
 pub mod heat_map;
 pub mod image;
+pub mod movie;
 pub mod oidn;
 pub mod png;
 pub mod sidecar;

@@ -53,7 +53,7 @@ pub(super) fn srgb_from_linear(x: f32) -> f32 {
 }
 
 /// Its inverse.
-pub(super) fn linear_from_srgb(x: f32) -> f32 {
+pub(crate) fn linear_from_srgb(x: f32) -> f32 {
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 

@@ -1,0 +1,208 @@
+//! Several pictures on one: contact sheets.
+
+use crate::inspect::canvas::Canvas;
+use crate::inspect::glyphs::{ADVANCE, GLYPH_HEIGHT};
+use crate::output::image::Image;
+use crate::output::view::{View, linear_from_srgb};
+use thiserror::Error;
+
+/// Most pixels of a sheet.
+const PIXELS_MAX: u64 = 1 << 28;
+/// What lies between pictures.
+const GROUND: [f32; 3] = [0.012; 3];
+const INK: [f32; 3] = [0.6; 3];
+
+/// A picture as the screen shows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cell {
+    /// What is written below it.
+    pub label: String,
+    /// Width and height [pixels].
+    pub size: [u32; 2],
+    /// Light that the view `Standard` shows as it is meant, row after row from the top.
+    pub pixels: Vec<[f32; 3]>,
+}
+
+/// Why there is no sheet.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum SheetError {
+    /// Nothing to show.
+    #[error("there are no pictures")]
+    Empty,
+    /// A picture without colours.
+    #[error("there are no channels R, G and B")]
+    NoColour,
+    /// Too large.
+    #[error("the sheet would have {} × {} pixels; make pictures narrower with --width, or take fewer", .0[0], .0[1])]
+    TooLarge([u64; 2]),
+}
+
+/// How pictures are laid out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SheetSettings {
+    /// Pictures side by side; as many as make the sheet about as wide as a screen where `None`.
+    pub columns: Option<u32>,
+    /// Width of a picture [pixels]; wider ones are scaled down to it. Their own where `None`.
+    pub width: Option<u32>,
+    /// Whether each has its label below.
+    pub is_labelled: bool,
+}
+
+impl Cell {
+    /// A picture in linear light as `view` shows it with `exposure_ev` stops of exposure.
+    ///
+    /// # Errors
+    /// [`SheetError::NoColour`].
+    pub fn new(label: String, image: &Image, view: View, exposure_ev: f64) -> Result<Self, SheetError> {
+        let gain = exposure_ev.exp2() as f32;
+        let rgb = image.to_rgb("").ok_or(SheetError::NoColour)?;
+        let shown = |c: &[f32; 3]| view.apply(c.map(|x| x * gain)).map(linear_from_srgb);
+        Ok(Self { label, size: image.data_size, pixels: rgb.iter().map(shown).collect() })
+    }
+
+    /// Scaled down to `width` if it is wider: each pixel is the mean of the light on its area.
+    fn narrowed(self, width: u32) -> Self {
+        let [own_width, own_height] = self.size;
+        if width >= own_width {
+            return self;
+        }
+        let height = ((f64::from(own_height) * f64::from(width) / f64::from(own_width)).round() as u32).max(1);
+        let rows = weights(own_height, height);
+        let columns = weights(own_width, width);
+        let mut pixels = Vec::with_capacity(width as usize * height as usize);
+        for row in &rows {
+            for column in &columns {
+                let mut sum = [0.0; 3];
+                for &(y, weight_y) in row {
+                    for &(x, weight_x) in column {
+                        let pixel = self.pixels[y as usize * own_width as usize + x as usize];
+                        (0..3).for_each(|c| sum[c] += weight_x * weight_y * pixel[c]);
+                    }
+                }
+                pixels.push(sum);
+            }
+        }
+        Self { label: self.label, size: [width, height], pixels }
+    }
+}
+
+/// The pixels, and their shares, that each of `to` pixels has of `from`.
+fn weights(from: u32, to: u32) -> Vec<Vec<(u32, f32)>> {
+    let scale = f64::from(from) / f64::from(to);
+    let of_pixel = |i: u32| {
+        let (low, high) = (f64::from(i) * scale, f64::from(i + 1) * scale);
+        let last = (high.ceil() as u32).min(from);
+        let share = |x: u32| ((high.min(f64::from(x) + 1.0) - low.max(f64::from(x))) / scale) as f32;
+        (low as u32..last).map(|x| (x, share(x))).collect()
+    };
+    (0..to).map(of_pixel).collect()
+}
+
+/// Lays pictures out in rows.
+///
+/// # Errors
+/// [`SheetError::Empty`], [`SheetError::TooLarge`].
+pub fn sheet(cells: Vec<Cell>, settings: SheetSettings) -> Result<Canvas, SheetError> {
+    let cells: Vec<Cell> = cells.into_iter().map(|cell| cell.narrowed(settings.width.unwrap_or(u32::MAX))).collect();
+    let width = cells.iter().map(|cell| cell.size[0]).max().ok_or(SheetError::Empty)?;
+    let tallest = cells.iter().map(|cell| cell.size[1]).max().ok_or(SheetError::Empty)?;
+    let dot = (width / 320).max(1);
+    let (gap, strip) = if settings.is_labelled { (8 * dot, (GLYPH_HEIGHT + 8) * dot) } else { (0, 0) };
+    let columns =
+        settings.columns.unwrap_or_else(|| columns_of_screen(cells.len(), width + gap, tallest + gap + strip));
+    let columns = (columns as usize).clamp(1, cells.len());
+    let heights: Vec<u32> =
+        cells.chunks(columns).map(|row| row.iter().map(|cell| cell.size[1]).max().unwrap_or(0)).collect();
+    let full = [
+        columns as u64 * u64::from(width + gap) + u64::from(gap),
+        heights.iter().map(|&h| u64::from(h + gap + strip)).sum::<u64>() + u64::from(gap),
+    ];
+    if full[0].saturating_mul(full[1]) > PIXELS_MAX {
+        return Err(SheetError::TooLarge(full));
+    }
+    let mut canvas = Canvas::from_fn(full.map(|n| n as u32), |_| GROUND);
+    let mut top = gap;
+    for (row, height) in cells.chunks(columns).zip(heights) {
+        for (i, cell) in row.iter().enumerate() {
+            let left = gap + i as u32 * (width + gap);
+            let [own_width, own_height] = cell.size;
+            // In the middle of its place, on the line of its label.
+            let corner = [left + (width - own_width) / 2, top + height - own_height];
+            for (y, line) in cell.pixels.chunks(own_width as usize).enumerate() {
+                let start = (corner[1] as usize + y) * canvas.size[0] as usize + corner[0] as usize;
+                canvas.pixels[start..start + line.len()].copy_from_slice(line);
+            }
+            if settings.is_labelled {
+                let words = fitting(&cell.label, (width / dot / ADVANCE) as usize);
+                canvas.text([left, top + height + 4 * dot], dot, &words, INK);
+            }
+        }
+        top += height + gap + strip;
+    }
+    Ok(canvas)
+}
+
+/// As many pictures side by side as make a sheet of 16 to 9, or a little wider.
+fn columns_of_screen(count: usize, width: u32, height: u32) -> u32 {
+    let columns = (count as f64 * f64::from(height) / f64::from(width) * 16.0 / 9.0).sqrt();
+    (columns.round() as u32).max(1)
+}
+
+/// Small letters, which are those that there are, and as many as fit: the end says most.
+fn fitting(label: &str, count: usize) -> String {
+    let label = label.to_lowercase();
+    let length = label.chars().count();
+    if length <= count {
+        return label;
+    }
+    let kept: String = label.chars().skip(length - count.saturating_sub(2)).collect();
+    format!("..{kept}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(label: &str, size: [u32; 2], value: f32) -> Cell {
+        Cell { label: label.into(), size, pixels: vec![[value; 3]; (size[0] * size[1]) as usize] }
+    }
+
+    #[test]
+    fn scaling_down_keeps_the_mean() {
+        let pixels: Vec<[f32; 3]> = (0..7 * 5).map(|i| [(i * i % 11) as f32, 1.0, 0.5]).collect();
+        let mean = |pixels: &[[f32; 3]]| pixels.iter().map(|p| p[0]).sum::<f32>() / pixels.len() as f32;
+        let own = Cell { label: String::new(), size: [7, 5], pixels };
+        let wanted = mean(&own.pixels);
+        // A height of 2.857 is 3: only whole ratios keep it exactly, so both edges are asked for at once.
+        let small = own.clone().narrowed(4);
+        assert_eq!(small.size, [4, 3]);
+        assert!((mean(&small.pixels) - wanted).abs() < 1e-4, "{} {wanted}", mean(&small.pixels));
+        assert!(small.pixels.iter().all(|p| (p[1] - 1.0).abs() < 1e-5));
+        assert_eq!(own.clone().narrowed(9), own);
+    }
+
+    #[test]
+    fn every_picture_and_label_is_on_the_sheet() {
+        let cells = vec![cell("a=1", [40, 20], 0.9), cell("b", [30, 10], 0.8), cell("c", [40, 20], 0.7)];
+        let settings = SheetSettings { columns: Some(2), width: None, is_labelled: true };
+        let canvas = sheet(cells.clone(), settings).unwrap();
+        let count = |value: f32| canvas.pixels.iter().filter(|p| p[0] == value).count();
+        assert_eq!((count(0.9), count(0.8), count(0.7)), (800, 300, 800));
+        assert!(count(INK[0]) > 20);
+        let bare = SheetSettings { is_labelled: false, columns: None, width: None };
+        let one = sheet(cells[..1].to_vec(), bare).unwrap();
+        assert_eq!(one.size, [40, 20]);
+        assert_eq!(sheet(Vec::new(), bare).unwrap_err(), SheetError::Empty);
+        let large = vec![cell("", [1, 1], 0.0); 3];
+        let large = large.into_iter().map(|c| Cell { size: [1 << 16, 1 << 15], ..c }).collect();
+        assert!(matches!(sheet(large, bare), Err(SheetError::TooLarge(_))));
+    }
+
+    #[test]
+    fn a_sheet_is_about_as_wide_as_a_screen() {
+        for (count, columns) in [(1, 1), (4, 2), (9, 3), (16, 4)] {
+            assert_eq!(columns_of_screen(count, 160, 90), columns);
+        }
+        assert_eq!(fitting("A_long_name", 6), "..name");
+    }
+}
