@@ -3,6 +3,7 @@
 pub mod along;
 pub mod closed;
 pub mod embree;
+pub mod gltf_file;
 pub mod mesh;
 pub mod mesh_file;
 pub mod mesh_sdf;
@@ -18,10 +19,10 @@ pub mod triangle;
 
 use crate::geometry::embree::{EmbreeError, SceneBuilder, TraceScene};
 use crate::geometry::mesh::Mesh;
-use crate::geometry::mesh_file::{MeshFileError, read_mesh};
+use crate::geometry::mesh_file::{MeshFileError, read_body, read_mesh};
 use crate::geometry::mesh_sdf::{MeshSdf, MeshSdfError};
 use crate::geometry::moment::Shutter;
-use crate::geometry::motion::{Link, Motion, Pose};
+use crate::geometry::motion::{Link, Motion, Placement, Pose};
 use crate::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf, SmoothUnion};
 use crate::geometry::trace::Solid;
@@ -192,19 +193,23 @@ impl Geometry {
                 return Err(GeometryError::Cancelled);
             }
             let placement = similarity(&shape.transform);
+            // The spaces inside of the shape's own that move it.
+            let mut links = Vec::new();
             let built = match &shape.mesh {
                 Some(mesh) => {
-                    let built = geometry.mesh_shape(scene, name, mesh, &placement, with_distances)?;
+                    let (built, moved) = geometry.mesh_shape(scene, name, mesh, &placement, with_distances)?;
+                    links = moved;
                     Shape { visible: shape.visible, ..built }
                 }
                 None => formula_shape(name, shape, placement),
             };
             let motion = match &shape.motion {
                 Some(motion) => Some(rigid_motion(motion)),
-                None => shape
-                    .transform
-                    .varies()
-                    .then(|| Motion::of_links(vec![link(&shape.transform, &scene.settings.frames)], built.pivot)),
+                None if shape.transform.varies() || !links.is_empty() => {
+                    links.insert(0, link(&shape.transform, &scene.settings.frames));
+                    Some(Motion::of_links(links, built.pivot))
+                }
+                None => None,
             };
             geometry.shapes.push(Shape { motion: motion.map(Arc::new), ..built });
             progress.advance(1);
@@ -220,10 +225,22 @@ impl Geometry {
         settings: &settings::Mesh,
         placement: &Similarity,
         with_distance: bool,
-    ) -> Result<Shape, GeometryError> {
+    ) -> Result<(Shape, Vec<Link>), GeometryError> {
         let limit = memory_limit(scene);
-        let (mesh, warning) = read(scene, name, settings)?;
+        let (mesh, links, warning) = read(scene, name, settings)?;
         self.warnings.extend(warning);
+        // It rests where it is at the first of all keys.
+        let inner = links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&link.first()));
+        let placement = &if links.is_empty() {
+            *placement
+        } else {
+            Similarity {
+                scale: inner.scale as f32,
+                rotation: inner.rotation.as_quat(),
+                translation: inner.translation.as_vec3(),
+            }
+            .then(placement)
+        };
         let sdf = if with_distance && needs_distance(scene, name) {
             let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
             let sampled = MeshSdf::sample(&mesh, spacing, limit)
@@ -237,7 +254,7 @@ impl Geometry {
         let pivot = sdf.as_ref().map_or(middle, |sdf: &Arc<PlacedSdf>| sdf.center()).0.as_dvec3();
         let mesh = if settings.smooth { mesh } else { mesh.without_normals() };
         let mesh = Some(Arc::new(mesh.transformed(placement)));
-        Ok(Shape {
+        let shape = Shape {
             name: name.into(),
             resting: sdf.clone(),
             sdf,
@@ -248,7 +265,8 @@ impl Geometry {
             moved: Similarity::IDENTITY,
             swept: None,
             solid: None,
-        })
+        };
+        Ok((shape, links))
     }
 
     /// A warning where the camera stands inside a visible solid at the first frame: a primitive, or a closed mesh.
@@ -310,16 +328,27 @@ impl Geometry {
     }
 }
 /// A mesh as its file has it, and what is likely a mistake in it.
-fn read(scene: &Scene, name: &str, settings: &settings::Mesh) -> Result<(Mesh, Option<String>), GeometryError> {
+fn read(
+    scene: &Scene,
+    name: &str,
+    settings: &settings::Mesh,
+) -> Result<(Mesh, Vec<Link>, Option<String>), GeometryError> {
     let place = place(scene, name, "file");
-    let mesh = match read_mesh(&scene.resolve(&settings.file), memory_limit(scene)) {
-        Ok(mesh) => mesh,
+    let (path, limit) = (scene.resolve(&settings.file), memory_limit(scene));
+    let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
+    let found = if is_gltf {
+        read_body(&path, settings.node.as_deref(), limit)
+    } else {
+        read_mesh(&path, limit).map(|mesh| (mesh, Vec::new()))
+    };
+    let (mesh, links) = match found {
+        Ok(found) => found,
         Err(source) => return Err(GeometryError::MeshFile { place, source }),
     };
     let report = mesh.report();
     let matters = needs_distance(scene, name) || report.was_inside_out || report.degenerate_triangles > 0;
     let warning = (!report.is_clean() && matters).then(|| format!("warning: {place}{} has {report}", settings.file));
-    Ok((mesh, warning))
+    Ok((mesh, links, warning))
 }
 
 fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {

@@ -91,6 +91,12 @@ impl Placement {
 }
 
 impl Link {
+    /// Where the space is at its first keys.
+    pub fn first(&self) -> Placement {
+        let rotation = self.turn.first().rotation();
+        Placement { scale: *self.scale.first(), rotation, translation: *self.translation.first() }
+    }
+
     /// Where the space is at a time [s].
     pub fn at(&self, time: f64) -> Placement {
         let rotation = self.turn.at(time).rotation();
@@ -119,12 +125,7 @@ impl Motion {
     /// The motion of a body that is in all of `links`, the outermost first. It rests where it is at the first of all keys, and
     /// there its middle is `pivot` [m].
     pub fn of_links(links: Vec<Link>, pivot: DVec3) -> Self {
-        let first = |link: &Link| Placement {
-            scale: *link.scale.first(),
-            rotation: link.turn.first().rotation(),
-            translation: *link.translation.first(),
-        };
-        let rest = links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&first(link)));
+        let rest = links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&link.first()));
         Self(Course::Links { links, rest, pivot })
     }
 

@@ -85,7 +85,8 @@ impl<'a> Streaks<'a> {
         if let Some([acceleration, jerk]) = self.bends(i) {
             let time = self.shutter[0].abs().max(self.shutter[1].abs());
             let bend = time * time * (0.5 * acceleration.length() + time / 6.0 * jerk.length());
-            if !(bend * self.inverse_voxel_size < MAX_BEND) {
+            let bend_voxels = bend * self.inverse_voxel_size;
+            if bend_voxels.is_nan() || bend_voxels >= MAX_BEND {
                 return Some((i, "the way must bend by less than a million voxels, not by these metres", bend as f32));
             }
         }

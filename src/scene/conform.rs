@@ -83,7 +83,13 @@ impl<'s> Walk<'s, '_, '_> {
         if let Some(entries) = self.keys_of(node, schema) {
             return self.keyed(entries, schema, at, path);
         }
-        self.unkeyed(node, schema, at, path)
+        let faults = self.mended.len();
+        let value = self.unkeyed(node, schema, at, path);
+        let is_map = matches!(node.value, Value::Map(_)) && type_name(self.resolve(schema)) != "object";
+        if is_keyed(schema) && is_map && self.mended.len() > faults {
+            self.collector.help_latest("a value over time is a map of frames and values, as in `{1: .., 96: ..}`");
+        }
+        value
     }
 
     /// The entries of a map of frames and values, where one may be and this is not the value itself.
@@ -91,9 +97,13 @@ impl<'s> Walk<'s, '_, '_> {
         let Value::Map(entries) = &node.value else { return None };
         let properties = self.resolve(schema)["properties"].as_object();
         let is_value = |entry: &Entry| properties.is_some_and(|p| p.contains_key(&entry.key));
-        // Of what is itself a map, one of its own keys tells that it is the value.
-        let is_plain = properties.is_some() && (entries.is_empty() || entries.iter().any(is_value));
-        (is_keyed(schema) && !is_plain).then_some(entries)
+        let tells_frames = |entry: &Entry| frame_of(&entry.key).is_some() || OPTIONS.contains(&entry.key.as_str());
+        let is_keys = match properties {
+            // Of what is itself a map, one of its own keys tells that it is the value.
+            Some(_) => entries.iter().any(tells_frames) && !entries.iter().any(is_value),
+            None => entries.is_empty() || entries.iter().any(tells_frames),
+        };
+        (is_keyed(schema) && is_keys).then_some(entries)
     }
 
     /// A map of frames and values.
@@ -110,8 +120,7 @@ impl<'s> Walk<'s, '_, '_> {
                 options.insert(entry.key.clone(), self.unkeyed(&entry.node, member, entry.place(), &key_path));
                 continue;
             }
-            let frame = entry.key.trim().parse::<f64>().ok().filter(|frame| frame.abs() <= FRAME_MAX);
-            let Some(frame) = frame else {
+            let Some(frame) = frame_of(&entry.key) else {
                 let message = format!("`{}` is no frame", short(&entry.key));
                 let diagnostic = self.collector.error(entry.key_place, &key_path, message);
                 diagnostic.help("a value over time is a map of frames and values, as in `{1: .., 96: ..}`");
@@ -125,9 +134,6 @@ impl<'s> Walk<'s, '_, '_> {
                 continue;
             }
             keys.push((frame, self.unkeyed(&entry.node, schema, entry.place(), &key_path)));
-        }
-        if keys.is_empty() && self.mended.last().is_some_and(|mended| mended == path) {
-            return self.stand_in(schema);
         }
         if keys.is_empty() {
             let message = "there is no frame in this map".into();
@@ -463,6 +469,11 @@ impl<'s> Walk<'s, '_, '_> {
     fn stand_in(&self, schema: &'s Json) -> Json {
         stand_in(self.root, schema, 0)
     }
+}
+
+/// The frame that a key of a map of frames and values stands for.
+fn frame_of(key: &str) -> Option<f64> {
+    key.trim().parse::<f64>().ok().filter(|frame| frame.abs() <= FRAME_MAX)
 }
 
 /// Keys with which other programs name the kind of a thing.

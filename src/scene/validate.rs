@@ -277,7 +277,16 @@ impl<'s> Check<'s, '_, '_> {
             }
         }
         if let Some(mesh) = &shape.mesh {
-            self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
+            self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply", "glb", "gltf"]);
+            let is_gltf = [".glb", ".gltf"].iter().any(|ending| mesh.file.to_lowercase().ends_with(ending));
+            if mesh.node.is_some() && !is_gltf {
+                let message = "`node` is of .glb and .gltf files; others have no nodes";
+                self.error(&format!("{key}.mesh.node"), &format!("{key}.mesh"), message);
+            }
+            if is_gltf && shape.motion.is_some() {
+                let help = "move it by keys of `transform`, which go with the animation of the file";
+                self.error_help(&format!("{key}.motion"), key, "glTF shapes have no `motion` besides", help);
+            }
         }
         self.material(&format!("{key}.material"), &shape.material);
         self.sight(key, shape);

@@ -187,8 +187,13 @@ pub struct Part {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Mesh {
-    /// An .obj or .ply file; relative to the scene file.
+    /// An .obj, .ply, .glb or .gltf file; relative to the scene file. Of glTF the triangles are read, and animations of nodes move
+    /// the shape, from time 0 at frame `first` on; skins, morph targets and cubic splines are errors, and materials passed over.
     pub file: String,
+    /// Of glTF, the node by its name that is the shape, with what is inside of it. Default all of the file, which must move as one.
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub node: Option<String>,
     /// Distance between the samples of the mesh's signed distance [m], for flow round it. Default a 96th of its
     /// longest edge.
     #[serde(default)]
