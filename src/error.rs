@@ -149,6 +149,8 @@ fn render_exit_code(e: &RenderError) -> u8 {
         RenderError::NoLight { .. }
         | RenderError::TooDense { .. }
         | RenderError::TooHot { .. }
+        | RenderError::LightNowhere { .. }
+        | RenderError::CameraNowhere { .. }
         | RenderError::TooDenseForDetail { .. } => 3,
         RenderError::TexturesTooLarge { .. } => 6,
         RenderError::Picture(e) => e.downcast_ref().map_or(3, output_exit_code),

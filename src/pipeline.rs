@@ -79,6 +79,7 @@ pub fn render(
         files.into_iter().chain([sidecar])
     });
     check_writable(all_files)?;
+    check_camera(scene, &job.frames)?;
     let inputs = InputHash::new(scene, job.crop)?;
     let mut studio: Option<Studio> = None;
     for (index, &frame) in job.frames.iter().enumerate() {
@@ -169,6 +170,7 @@ const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
 /// # Errors
 /// Where a mesh or the file of a mask is missing, faulty or too large.
 pub fn inspection(scene: &Scene, frame: i32) -> Result<Inspection, Error> {
+    check_camera(scene, &[frame])?;
     let geometry = Geometry::build(scene, &Silent)?;
     let flow = build_flow(scene, &geometry)?;
     Ok(Inspection::build(scene, frame, geometry, flow))
@@ -183,7 +185,8 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let geometry = Geometry::build_without_distances(scene)?;
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
-    render::build_lights(scene, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
+    check_camera(scene, &[scene.settings.frames.first, scene.settings.frames.last])?;
+    render::build_lights(scene, 0.0, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
         .map_err(|e| in_render(scene, e))?;
     load_textures(scene)?;
     // For the files of masks, which scenes have whose smoke is not made of particles.
@@ -216,7 +219,7 @@ const BORN_INSIDE_NOTED: f64 = 0.5;
 /// What stays the same from frame to frame.
 struct Studio {
     geometry: Geometry,
-    /// Of a scene in which no shape moves; each frame brings its materials.
+    /// Of a scene in which no shape and no light moves; each frame brings its materials.
     world: Option<World>,
     textures: TextureStore,
     smoke: SmokeSource,
@@ -229,12 +232,12 @@ impl Studio {
         let geometry = build_geometry(scene, progress)?;
         geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
         let mut textures = load_textures(scene)?;
-        let world = if geometry.moves() {
+        let world = if geometry.moves() || scene.settings.lights.iter().any(settings::Light::varies) {
             None
         } else {
             // Whether a shape shines the same everywhere, and so is a light, does not change with time.
             let materials = render::build_materials(scene, &geometry, &mut textures, 0.0);
-            Some(build_world(scene, &geometry, materials)?)
+            Some(build_world(scene, &geometry, materials, 0.0)?)
         };
         let smoke = SmokeSource::build(scene, &geometry)?;
         let volumes = VolumeSources::build(scene, &geometry)?;
@@ -278,25 +281,35 @@ impl Studio {
         record.add_time(Stage::Grid, start.elapsed());
         let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
         let media = Media::new(medium.as_ref(), &volumes);
-        let view = render::build_view(scene, frame, crop);
+        check_camera(scene, &[frame])?;
+        let mut view = render::build_view(scene, frame, crop);
         let moved;
         let time = time_of(scene, frame);
+        let frames = &scene.settings.frames;
+        let shutter = self.geometry.shutter(time, frames.shutter.map(|share| time + share / frames.fps));
         let world = match &mut self.world {
             Some(world) => {
                 world.materials = render::build_materials(scene, &self.geometry, &mut self.textures, time);
                 world
             }
             None => {
-                let geometry = self.geometry.at(time);
+                let geometry = self.geometry.at_shutter(&shutter);
                 let materials = render::build_materials(scene, &geometry, &mut self.textures, time);
-                moved = timed(progress, Stage::Geometry, record, 0, || build_world(scene, &geometry, materials))?;
+                let build = || build_world(scene, &geometry, materials, time);
+                moved = timed(progress, Stage::Geometry, record, 0, build)?;
                 &moved
             }
         };
+        render::take_time(&mut view, scene, shutter);
         let most = view.bounds.area() as u64 * u64::from(view.spp);
         let motion = view.layers.contains(&Layer::Motion).then(|| {
             let seconds = scene.settings.frames.fps.recip();
-            FrameMotion::new(&self.geometry, self.smoke.flow().map(|flow| flow.span(time, seconds)), time, seconds)
+            let flow = self.smoke.flow().map(|flow| flow.span(time, seconds));
+            let course = render::camera_course(scene);
+            let next_camera = if course.varies() { course.at(time + seconds).ok() } else { None };
+            let mut motion = FrameMotion::new(&self.geometry, flow, time, seconds);
+            motion.next_camera = next_camera;
+            motion
         });
         let film = timed(progress, Stage::Render, record, most, || {
             tiles::render_media(&view, world, media, motion.as_ref(), progress)
@@ -319,6 +332,13 @@ impl Studio {
     }
 }
 
+/// Makes sure that a camera that moves looks somewhere at frames.
+fn check_camera(scene: &Scene, frames: &[i32]) -> Result<(), Error> {
+    frames.iter().try_for_each(|&frame| {
+        render::check_camera(scene, frame).map_err(|e| in_scene(scene, "camera.look_at", Some(frame), e))
+    })
+}
+
 /// What the smoke of a scene gives off because it is hot.
 fn smoke_heat(scene: &Scene) -> Option<Heat> {
     scene.settings.smoke.as_ref().and_then(|smoke| Heat::new(smoke.blackbody, &smoke.medium))
@@ -330,9 +350,9 @@ fn time_of(scene: &Scene, frame: i32) -> f64 {
     (f64::from(frame) - f64::from(frames.first)) / frames.fps
 }
 
-fn build_world(scene: &Scene, geometry: &Geometry, materials: Vec<Material>) -> Result<World, Error> {
-    render::build_world(scene, geometry, materials, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_render(scene, e))
+fn build_world(scene: &Scene, geometry: &Geometry, materials: Vec<Material>, time: f64) -> Result<World, Error> {
+    let load = |path: &Path| load_picture(path, memory_limit(scene)).map_err(Into::into);
+    render::build_world_at(scene, geometry, materials, time, &load).map_err(|e| in_render(scene, e))
 }
 
 fn load_textures(scene: &Scene) -> Result<TextureStore, Error> {
@@ -348,7 +368,9 @@ fn in_render(scene: &Scene, error: RenderError) -> Error {
             in_scene(scene, &key, None, error)
         }
         RenderError::Light { light_idx, .. } => {
-            in_scene(scene, &format!("lights[{light_idx}].environment.file"), None, error)
+            let is_picture = matches!(scene.settings.lights.get(light_idx), Some(settings::Light::Environment(_)));
+            let part = if is_picture { ".environment.file" } else { "" };
+            in_scene(scene, &format!("lights[{light_idx}]{part}"), None, error)
         }
         _ => error.into(),
     }
@@ -494,7 +516,7 @@ fn grid_memory_limit(scene: &Scene, particle_count: usize) -> u64 {
     let settings = &scene.settings;
     let suns = settings.lights.iter().filter(|light| matches!(light, settings::Light::Sun(_))).count();
     let grids = usize::from(settings.smoke.is_some()) + settings.volumes.len();
-    let others = footprint::film_bytes(settings) + particle_count as f64 * footprint::PARTICLE_BYTES;
+    let others = footprint::film_bytes(settings) + particle_count as f64 * footprint::particle_bytes(&settings.frames);
     memory_limit(scene).saturating_sub(others as u64 + (suns * grids) as u64 * sun_shadow::BYTES_MAX)
 }
 

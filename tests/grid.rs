@@ -205,6 +205,7 @@ impl Cloud {
         SplatInput {
             position: self.position.each_ref().map(Vec::as_slice),
             velocity: self.velocity.each_ref().map(Vec::as_slice),
+            bends: None,
             mass: &self.mass,
             radius: &self.radius,
             obstacles: None,
@@ -216,6 +217,7 @@ impl Cloud {
         SplatInput {
             position: self.position.each_ref().map(|x| &x[range.clone()]),
             velocity: self.velocity.each_ref().map(|x| &x[range.clone()]),
+            bends: None,
             mass: &self.mass[range.clone()],
             radius: &self.radius[range],
             obstacles: None,
@@ -297,6 +299,7 @@ fn one_particle_keeps_its_place_and_its_streak_is_even() {
     let input = SplatInput {
         position: [&position[0], &position[1], &position[2]],
         velocity: [&velocity[0], &velocity[1], &velocity[2]],
+        bends: None,
         mass: &[2.0],
         radius: &[0.04],
         obstacles: None,

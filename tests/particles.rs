@@ -103,7 +103,7 @@ fn batches_carried_from_birth_are_the_same_particles_to_the_bit() {
         let mut found = Particles::default();
         let mut visit = |particles: &Particles| {
             assert!(particles.len() as u64 <= batch && !particles.is_empty());
-            let Particles { position, velocity, mass, radius, age, id } = particles;
+            let Particles { position, velocity, bends: _, mass, radius, age, id } = particles;
             found.position.iter_mut().zip(position).for_each(|(all, some)| all.extend(some));
             found.velocity.iter_mut().zip(velocity).for_each(|(all, some)| all.extend(some));
             found.mass.extend(mass);

@@ -74,6 +74,7 @@ impl Cloud {
         let input = SplatInput {
             position: self.position.each_ref().map(Vec::as_slice),
             velocity: self.velocity.each_ref().map(Vec::as_slice),
+            bends: None,
             mass: &self.mass,
             radius: &self.radius,
             obstacles,

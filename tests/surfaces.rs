@@ -42,7 +42,7 @@ fn pixel(stage: &Stage, medium: Option<&Medium>, count: u32, ray: Ray) -> Pixel 
     let limits = render::build_view(&stage.scene, 1, None).limits;
     let media = Media::from(medium);
     let sun_shadows = &SunShadows::new(&stage.world.lights, media.grids());
-    let integrator = Integrator { world: &stage.world, media, sun_shadows, limits };
+    let integrator = Integrator { world: &stage.world, media, sun_shadows, limits, moment: Default::default() };
     let (mut sum, mut counts) = (PixelSum::new(&[]), PathCounts::default());
     for i in 0..count {
         sum.add(&[], &integrator.trace(ray, &mut Sampler::new(Seed(7), 0, 0, i), &mut counts));

@@ -99,6 +99,7 @@ fn what_passes_smoke_falls_by_each_channels_own_extinction() {
             media: Some(&medium).into(),
             sun_shadows: &SunShadows::new(&stage.world.lights, Media::from(Some(&medium)).grids()),
             limits: view.limits,
+            moment: Default::default(),
         };
         let direction = UnitVec3::try_new(Vec3::NEG_Z).unwrap();
         let ray = Ray { origin: WorldPoint::new(0.0, 0.0, 4.0), direction };

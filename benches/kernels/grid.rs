@@ -118,6 +118,7 @@ pub fn splatting(radius: f32, shutter: f64, is_soft: bool) -> Workload {
         let input = SplatInput {
             position: position.each_ref().map(Vec::as_slice),
             velocity: velocity.each_ref().map(Vec::as_slice),
+            bends: None,
             mass: &mass,
             radius: &radius,
             obstacles: is_soft.then_some(&Balls as &dyn ObstacleDistance),

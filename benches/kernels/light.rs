@@ -145,7 +145,7 @@ fn world() -> World {
 
 fn trace(world: &World, medium: &Medium, sun_shadows: &SunShadows, rays: &[Ray], max_bounces: u32) -> PathCounts {
     let limits = PathLimits { max_bounces, roulette_from: 8 };
-    let integrator = Integrator { world, media: Some(medium).into(), sun_shadows, limits };
+    let integrator = Integrator { world, media: Some(medium).into(), sun_shadows, limits, moment: Default::default() };
     let mut counts = PathCounts::default();
     for (i, ray) in rays.iter().enumerate() {
         let mut sampler = Sampler::new(Seed(1), i as u32, 0, 0);
@@ -182,6 +182,7 @@ pub fn picture() -> Workload {
     let projection = Projection::Perspective { vertical_fov_deg: 36.0 };
     let view = View {
         camera: Camera::try_new(eye, WorldPoint::default(), Vec3::Y, projection, None, RESOLUTION).expect("apart"),
+        shutter: None,
         resolution: RESOLUTION,
         bounds: PixelBounds::whole(RESOLUTION),
         spp: SPP,

@@ -3,7 +3,9 @@
 //! Only positions, normals and faces are read; polygons become fans of triangles. Files may be truncated, huge or
 //! hostile: every failure is an error with its place, and memory is bounded before anything is read.
 
+use crate::geometry::gltf_file::{GltfBody, parse_gltf};
 use crate::geometry::mesh::{Mesh, MeshError};
+use crate::geometry::motion::Link;
 use glam::Vec3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Encoding, Property, PropertyAccess, PropertyAccessResult};
@@ -31,8 +33,8 @@ pub enum MeshFileError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// It is neither OBJ nor PLY.
-    #[error("{}: is neither an .obj nor a .ply file", path.display())]
+    /// It is of no format that is read.
+    #[error("{}: is none of .obj, .ply, .glb and .gltf", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -70,13 +72,13 @@ pub enum MeshFileError {
 }
 
 /// A complaint without the file's name.
-struct Complaint {
+pub(in crate::geometry) struct Complaint {
     line: Option<usize>,
     reason: String,
 }
 
 impl Complaint {
-    fn new(line: Option<usize>, reason: impl Into<String>) -> Self {
+    pub(in crate::geometry) fn new(line: Option<usize>, reason: impl Into<String>) -> Self {
         Self { line, reason: reason.into() }
     }
 }
@@ -89,6 +91,23 @@ type Parts = (Vec<Vec3>, Vec<Vec3>, Vec<[u32; 3]>);
 /// # Errors
 /// Where the file is missing, malformed, no mesh, or so large that reading it could take more than `memory_limit` bytes.
 pub fn read_mesh(path: &Path, memory_limit: u64) -> Result<Mesh, MeshFileError> {
+    parse_mesh(&read_bytes(path, memory_limit)?, path)
+}
+
+/// Reads a .glb or .gltf file: its mesh, of `node` and what is inside of it where one is named, and the spaces that move it,
+/// the outermost first.
+///
+/// # Errors
+/// As [`read_mesh`], and for what is not read of such files.
+pub fn read_body(path: &Path, node: Option<&str>, memory_limit: u64) -> Result<(Mesh, Vec<Link>), MeshFileError> {
+    let bytes = read_bytes(path, memory_limit)?;
+    let GltfBody { positions, normals, triangles, links } = parse_gltf(&bytes, path, node, memory_limit)
+        .map_err(|Complaint { line, reason }| MeshFileError::Malformed { path: path.into(), line, reason })?;
+    let mesh = Mesh::try_new(positions, normals, triangles);
+    Ok((mesh.map_err(|source| MeshFileError::Invalid { path: path.into(), source })?, links))
+}
+
+fn read_bytes(path: &Path, memory_limit: u64) -> Result<Vec<u8>, MeshFileError> {
     let unreadable = |source: std::io::Error| match source.kind() {
         ErrorKind::NotFound => MeshFileError::NotFound { path: path.into() },
         _ => MeshFileError::Unreadable { path: path.into(), source },
@@ -109,7 +128,7 @@ pub fn read_mesh(path: &Path, memory_limit: u64) -> Result<Mesh, MeshFileError> 
     if bytes.len() as u64 > largest {
         return Err(over(bytes.len() as u64));
     }
-    parse_mesh(&bytes, path)
+    Ok(bytes)
 }
 
 /// Reads the content of a file; `path` names it in errors and says its format.

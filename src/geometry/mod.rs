@@ -3,9 +3,11 @@
 pub mod along;
 pub mod closed;
 pub mod embree;
+pub mod gltf_file;
 pub mod mesh;
 pub mod mesh_file;
 pub mod mesh_sdf;
+pub mod moment;
 pub mod motion;
 pub mod primitive;
 pub mod sdf;
@@ -17,12 +19,15 @@ pub mod triangle;
 
 use crate::geometry::embree::{EmbreeError, SceneBuilder, TraceScene};
 use crate::geometry::mesh::Mesh;
-use crate::geometry::mesh_file::{MeshFileError, read_mesh};
+use crate::geometry::mesh_file::{MeshFileError, read_body, read_mesh};
 use crate::geometry::mesh_sdf::{MeshSdf, MeshSdfError};
-use crate::geometry::motion::{Motion, Pose};
+use crate::geometry::moment::Shutter;
+use crate::geometry::motion::{Link, Motion, Placement, Pose};
 use crate::geometry::primitive::{Capsule, Cuboid, HalfSpace, Primitive, Sphere, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf, SmoothUnion};
 use crate::geometry::trace::Solid;
+use crate::math::aabb::Aabb;
+use crate::math::keys::{Between, Interpolation, Keys, Turn};
 use crate::math::space::Similarity;
 use crate::progress::{Progress, Silent, Stage};
 use crate::scene::{PlaceInScene, Scene, settings};
@@ -57,6 +62,8 @@ pub struct Shape {
     pub moved: Similarity,
     /// Its signed distance where it rests, as `sdf` before it moved.
     pub resting: Option<Arc<PlacedSdf>>,
+    /// A box round all places that it takes while the shutter is open, where it moves then.
+    swept: Option<Aabb>,
     /// What light meets, where it is not a mesh.
     solid: Option<Arc<Solid>>,
 }
@@ -97,6 +104,20 @@ pub enum GeometryError {
 }
 
 impl Shape {
+    /// Lets rays meet it, as shape `shape_idx`.
+    fn add_to(&self, builder: &mut SceneBuilder, shape_idx: u32) -> Result<(), EmbreeError> {
+        match (&self.mesh, &self.solid) {
+            (Some(mesh), _) => builder.add_mesh(mesh.clone(), shape_idx),
+            (None, Some(solid)) => builder.add_solid(solid.clone(), shape_idx),
+            (None, None) => Ok(()),
+        }
+    }
+
+    /// A box round what light meets.
+    fn bounds(&self) -> Option<Aabb> {
+        self.mesh.as_ref().map(|mesh| mesh.bounds()).or_else(|| self.solid.as_ref().map(|solid| solid.bounds()))
+    }
+
     /// Whether a point [m] is inside; a mesh that is not closed has no inside.
     fn contains(&self, p: DVec3) -> bool {
         match (&self.mesh, &self.sdf) {
@@ -109,11 +130,11 @@ impl Shape {
     /// The shape where its motion has brought it at a time [s].
     fn at(&self, time: f64) -> Self {
         let Some(motion) = &self.motion else { return self.clone() };
-        let pose = motion.pose(time);
+        let placement = motion.placement(self.pivot, time);
         let moved = Similarity {
-            scale: 1.0,
-            rotation: pose.rotation.as_quat(),
-            translation: (self.pivot + pose.displacement - pose.rotation * self.pivot).as_vec3(),
+            scale: placement.scale as f32,
+            rotation: placement.rotation.as_quat(),
+            translation: placement.translation.as_vec3(),
         };
         let sdf =
             self.sdf.as_ref().map(|sdf| Arc::new(PlacedSdf::new(sdf.sdf().clone(), sdf.placement().then(&moved))));
@@ -132,6 +153,20 @@ impl Geometry {
     /// All shapes where they are at a time [s].
     pub fn at(&self, time: f64) -> Self {
         Self { shapes: self.shapes.iter().map(|shape| shape.at(time)).collect(), warnings: Vec::new() }
+    }
+
+    /// As [`Geometry::at`], where those that move while a shutter is open are met at any [`Moment`](moment::Moment) of it.
+    pub fn at_shutter(&self, shutter: &Shutter) -> Self {
+        let mut placed = self.at(shutter.frame_time());
+        for (i, shape) in placed.shapes.iter_mut().enumerate() {
+            shape.swept = shape.bounds().and_then(|bounds| shutter.swept(i, &bounds));
+        }
+        placed
+    }
+
+    /// How all shapes move while the shutter is open between `open` [s], against the frame's own time [s].
+    pub fn shutter(&self, frame_time: f64, open: [f64; 2]) -> Shutter {
+        Shutter::new(self.shapes.iter().map(|shape| (shape.motion.clone(), shape.pivot)), frame_time, open)
     }
 
     /// Reads the meshes of a scene and samples the distances of those that the flow must go round.
@@ -158,15 +193,25 @@ impl Geometry {
                 return Err(GeometryError::Cancelled);
             }
             let placement = similarity(&shape.transform);
+            // The spaces inside of the shape's own that move it.
+            let mut links = Vec::new();
             let built = match &shape.mesh {
                 Some(mesh) => {
-                    let built = geometry.mesh_shape(scene, name, mesh, &placement, with_distances)?;
+                    let (built, moved) = geometry.mesh_shape(scene, name, mesh, &placement, with_distances)?;
+                    links = moved;
                     Shape { visible: shape.visible, ..built }
                 }
                 None => formula_shape(name, shape, placement),
             };
-            let motion = shape.motion.as_ref().map(|motion| Arc::new(rigid_motion(motion)));
-            geometry.shapes.push(Shape { motion, ..built });
+            let motion = match &shape.motion {
+                Some(motion) => Some(rigid_motion(motion)),
+                None if shape.transform.varies() || !links.is_empty() => {
+                    links.insert(0, link(&shape.transform, &scene.settings.frames));
+                    Some(Motion::of_links(links, built.pivot))
+                }
+                None => None,
+            };
+            geometry.shapes.push(Shape { motion: motion.map(Arc::new), ..built });
             progress.advance(1);
         }
         progress.end(Stage::Geometry);
@@ -180,10 +225,22 @@ impl Geometry {
         settings: &settings::Mesh,
         placement: &Similarity,
         with_distance: bool,
-    ) -> Result<Shape, GeometryError> {
+    ) -> Result<(Shape, Vec<Link>), GeometryError> {
         let limit = memory_limit(scene);
-        let (mesh, warning) = read(scene, name, settings)?;
+        let (mesh, links, warning) = read(scene, name, settings)?;
         self.warnings.extend(warning);
+        // It rests where it is at the first of all keys.
+        let inner = links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&link.first()));
+        let placement = &if links.is_empty() {
+            *placement
+        } else {
+            Similarity {
+                scale: inner.scale as f32,
+                rotation: inner.rotation.as_quat(),
+                translation: inner.translation.as_vec3(),
+            }
+            .then(placement)
+        };
         let sdf = if with_distance && needs_distance(scene, name) {
             let spacing = settings.distance_voxel.map(|voxel| voxel / f64::from(placement.scale));
             let sampled = MeshSdf::sample(&mesh, spacing, limit)
@@ -197,7 +254,7 @@ impl Geometry {
         let pivot = sdf.as_ref().map_or(middle, |sdf: &Arc<PlacedSdf>| sdf.center()).0.as_dvec3();
         let mesh = if settings.smooth { mesh } else { mesh.without_normals() };
         let mesh = Some(Arc::new(mesh.transformed(placement)));
-        Ok(Shape {
+        let shape = Shape {
             name: name.into(),
             resting: sdf.clone(),
             sdf,
@@ -206,13 +263,15 @@ impl Geometry {
             mesh,
             visible: true,
             moved: Similarity::IDENTITY,
+            swept: None,
             solid: None,
-        })
+        };
+        Ok((shape, links))
     }
 
     /// A warning where the camera stands inside a visible solid at the first frame: a primitive, or a closed mesh.
     pub fn camera_warning(&self, scene: &Scene) -> Option<String> {
-        let camera = DVec3::from_array(scene.settings.camera.position);
+        let camera = keys(&scene.settings.camera.position, &scene.settings.frames, vector).at(0.0);
         // A container may be the room that the camera stands in.
         let is_seen = |shape: &Shape| {
             let settings = &scene.settings.shapes[&shape.name];
@@ -257,27 +316,39 @@ impl Geometry {
     pub fn trace_scene(&self) -> Result<TraceScene, GeometryError> {
         let mut builder = SceneBuilder::new();
         for (i, shape) in self.shapes.iter().enumerate().filter(|(_, shape)| shape.visible) {
-            if let Some(mesh) = &shape.mesh {
-                builder.add_mesh(mesh.clone(), i as u32)?;
-            } else if let Some(solid) = &shape.solid {
-                builder.add_solid(solid.clone(), i as u32)?;
+            if let Some(swept) = shape.swept {
+                let mut alone = SceneBuilder::new();
+                shape.add_to(&mut alone, i as u32)?;
+                builder.add_moving(alone.commit()?, i as u32, swept);
+                continue;
             }
+            shape.add_to(&mut builder, i as u32)?;
         }
         Ok(builder.commit()?)
     }
 }
-
 /// A mesh as its file has it, and what is likely a mistake in it.
-fn read(scene: &Scene, name: &str, settings: &settings::Mesh) -> Result<(Mesh, Option<String>), GeometryError> {
+fn read(
+    scene: &Scene,
+    name: &str,
+    settings: &settings::Mesh,
+) -> Result<(Mesh, Vec<Link>, Option<String>), GeometryError> {
     let place = place(scene, name, "file");
-    let mesh = match read_mesh(&scene.resolve(&settings.file), memory_limit(scene)) {
-        Ok(mesh) => mesh,
+    let (path, limit) = (scene.resolve(&settings.file), memory_limit(scene));
+    let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
+    let found = if is_gltf {
+        read_body(&path, settings.node.as_deref(), limit)
+    } else {
+        read_mesh(&path, limit).map(|mesh| (mesh, Vec::new()))
+    };
+    let (mesh, links) = match found {
+        Ok(found) => found,
         Err(source) => return Err(GeometryError::MeshFile { place, source }),
     };
     let report = mesh.report();
     let matters = needs_distance(scene, name) || report.was_inside_out || report.degenerate_triangles > 0;
     let warning = (!report.is_clean() && matters).then(|| format!("warning: {place}{} has {report}", settings.file));
-    Ok((mesh, warning))
+    Ok((mesh, links, warning))
 }
 
 fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {
@@ -309,7 +380,7 @@ fn thin_warning(
 }
 
 fn scale_of(scene: &Scene, name: &str) -> f64 {
-    scene.settings.shapes.get(name).map_or(1.0, |shape| shape.transform.scale)
+    scene.settings.shapes.get(name).map_or(1.0, |shape| *shape.transform.scale.first())
 }
 
 /// Whether the flow, or what flows on it, needs the distance of a shape.
@@ -344,6 +415,7 @@ fn formula_shape(name: &str, settings: &settings::Shape, placement: Similarity) 
         mesh: None,
         visible: settings.visible,
         moved: Similarity::IDENTITY,
+        swept: None,
         solid,
     }
 }
@@ -408,15 +480,58 @@ fn rigid_motion(settings: &settings::Motion) -> Motion {
         let rotation = DQuat::from_axis_angle(axis, key.rotate_deg.angle.to_radians());
         (key.time, Pose { displacement: DVec3::from_array(key.translate), rotation })
     });
-    Motion::new(keys.collect(), settings.interpolation == settings::Interpolation::Smooth)
+    Motion::through(Keys::new(keys.collect(), interpolation(settings.interpolation), false))
 }
 
-fn similarity(transform: &settings::Transform) -> Similarity {
-    let axis = DVec3::from_array(transform.rotate_deg.axis).try_normalize().unwrap_or(DVec3::Y);
-    let rotation = match transform.rotate_deg.angle {
-        0.0 => Quat::IDENTITY,
-        angle => Quat::from_axis_angle(axis.as_vec3().normalize(), angle.to_radians() as f32),
+/// A value of a scene over time, each key made by `make`.
+pub fn keys<T, U: Between + Clone>(
+    keyed: &settings::Keyed<T>,
+    frames: &settings::Frames,
+    make: impl Fn(&T) -> U,
+) -> Keys<U> {
+    let keys = keyed.timed(frames).map(|(time, value)| (time, make(value)));
+    Keys::new(keys.collect(), interpolation(keyed.interpolation()), keyed.repeats())
+}
+
+/// How a value of a scene gets from key to key.
+pub fn interpolation(settings: settings::Interpolation) -> Interpolation {
+    match settings {
+        settings::Interpolation::Linear => Interpolation::Linear,
+        settings::Interpolation::Ease => Interpolation::Ease,
+        settings::Interpolation::Step => Interpolation::Step,
+    }
+}
+
+/// Three numbers of a scene.
+pub fn vector(v: &settings::Vec3) -> DVec3 {
+    DVec3::from_array(*v)
+}
+
+/// The space of a shape over time.
+fn link(transform: &settings::Transform, frames: &settings::Frames) -> Link {
+    let turn = match &transform.quaternion {
+        Some(quaternion) => keys(quaternion, frames, |q| Turn::Quaternion(quaternion_of(*q))),
+        None => keys(&transform.rotate_deg, frames, |turn| Turn::About(direction(turn.axis), turn.angle.to_radians())),
     };
-    let translation = DVec3::from_array(transform.translate).as_vec3();
-    Similarity { scale: transform.scale as f32, rotation, translation }
+    Link {
+        translation: keys(&transform.translate, frames, vector),
+        turn,
+        scale: keys(&transform.scale, frames, |s| *s),
+    }
+}
+
+fn quaternion_of(q: [f64; 4]) -> DQuat {
+    DQuat::from_vec4(glam::DVec4::from_array(q).normalize_or(glam::DVec4::W))
+}
+
+/// Where a transform puts a shape at the first keys.
+fn similarity(transform: &settings::Transform) -> Similarity {
+    let turn = transform.rotate_deg.first();
+    let rotation = match (&transform.quaternion, turn.angle) {
+        (Some(quaternion), _) => quaternion_of(*quaternion.first()).as_quat(),
+        (None, 0.0) => Quat::IDENTITY,
+        (None, angle) => Quat::from_axis_angle(direction(turn.axis).as_vec3().normalize(), angle.to_radians() as f32),
+    };
+    let translation = vector(transform.translate.first()).as_vec3();
+    Similarity { scale: *transform.scale.first() as f32, rotation, translation }
 }

@@ -1,5 +1,6 @@
-//! Rigid motion between keys, and over a short span of time.
+//! Rigid motion over time, and over a short span of it.
 
+use crate::math::keys::{Between, Interpolation, Keys, Turn};
 use crate::math::real::{Lane, Real, cross, dot, triple};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -15,14 +16,39 @@ pub struct Pose {
     pub rotation: DQuat,
 }
 
-/// The course of a rigid body through keys: on straight lines and great circles, that is along geodesics of the group of
-/// rigid motions, taken as the product of translations of the middle and rotations about it.
+/// Where a space is in another: scaled, then turned, then moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    /// Factor on lengths, > 0.
+    pub scale: f64,
+    /// Applied after the scale.
+    pub rotation: DQuat,
+    /// Applied last [m].
+    pub translation: DVec3,
+}
+
+/// A placement over time. Where its keys are linear, between them the space moves at constant velocity and turns at constant
+/// angular velocity: along geodesics of the group of rigid motions, taken as the product of translations and rotations.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Motion {
-    /// Times [s], rising, and poses; at least one.
-    keys: Vec<(f64, Pose)>,
-    /// Whether the body rests at each key; it moves at constant velocity between keys otherwise.
-    is_smooth: bool,
+pub struct Link {
+    /// Applied last [m].
+    pub translation: Keys<DVec3>,
+    /// Applied after the scale.
+    pub turn: Keys<Turn>,
+    /// Factor on lengths, > 0.
+    pub scale: Keys<f64>,
+}
+
+/// The course of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion(Course);
+
+#[derive(Debug, Clone, PartialEq)]
+enum Course {
+    /// By poses.
+    Poses(Keys<Pose>),
+    /// By the spaces that it is in, the outermost first. It rests at `rest`, and its middle there is `pivot` [m].
+    Links { links: Vec<Link>, rest: Placement, pivot: DVec3 },
 }
 
 impl Pose {
@@ -30,26 +56,103 @@ impl Pose {
     pub const REST: Self = Self { displacement: DVec3::ZERO, rotation: DQuat::IDENTITY };
 }
 
+impl Between for Pose {
+    fn between(&self, to: &Self, share: f64) -> Self {
+        Self {
+            displacement: self.displacement.lerp(to.displacement, share),
+            rotation: self.rotation.slerp(to.rotation, share),
+        }
+    }
+}
+
+impl Placement {
+    /// The same space.
+    pub const IDENTITY: Self = Self { scale: 1.0, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
+
+    /// Where a point is [m].
+    pub fn point(&self, p: DVec3) -> DVec3 {
+        self.rotation * (self.scale * p) + self.translation
+    }
+
+    /// This one first, then `outer`.
+    pub fn within(&self, outer: &Self) -> Self {
+        Self {
+            scale: self.scale * outer.scale,
+            rotation: (outer.rotation * self.rotation).normalize(),
+            translation: outer.point(self.translation),
+        }
+    }
+
+    /// The way back.
+    pub fn inverse(&self) -> Self {
+        let (scale, rotation) = (1.0 / self.scale, self.rotation.inverse());
+        Self { scale, rotation, translation: rotation * (-scale * self.translation) }
+    }
+}
+
+impl Link {
+    /// Where the space is at its first keys.
+    pub fn first(&self) -> Placement {
+        let rotation = self.turn.first().rotation();
+        Placement { scale: *self.scale.first(), rotation, translation: *self.translation.first() }
+    }
+
+    /// Where the space is at a time [s].
+    pub fn at(&self, time: f64) -> Placement {
+        let rotation = self.turn.at(time).rotation();
+        Placement { scale: self.scale.at(time), rotation, translation: self.translation.at(time) }
+    }
+}
+
+fn placement_at(links: &[Link], time: f64) -> Placement {
+    links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&link.at(time)))
+}
+
 impl Motion {
-    /// The motion through `keys` of time [s] and pose.
+    /// The motion through `keys` of time [s] and pose; the body rests at each key where it `is_smooth`.
     ///
     /// # Panics
     /// Without keys, or where times do not rise.
     pub fn new(keys: Vec<(f64, Pose)>, is_smooth: bool) -> Self {
-        assert!(!keys.is_empty() && keys.windows(2).all(|k| k[0].0 < k[1].0), "keys of a motion must rise in time");
-        Self { keys, is_smooth }
+        Self::through(Keys::new(keys, if is_smooth { Interpolation::Ease } else { Interpolation::Linear }, false))
+    }
+
+    /// The motion through poses.
+    pub fn through(poses: Keys<Pose>) -> Self {
+        Self(Course::Poses(poses))
+    }
+
+    /// The motion of a body that is in all of `links`, the outermost first. It rests where it is at the first of all keys, and
+    /// there its middle is `pivot` [m].
+    pub fn of_links(links: Vec<Link>, pivot: DVec3) -> Self {
+        let rest = links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&link.first()));
+        Self(Course::Links { links, rest, pivot })
     }
 
     /// The pose at a time [s].
     pub fn pose(&self, time: f64) -> Pose {
-        let next = self.keys.partition_point(|k| k.0 <= time);
-        if next == 0 || next == self.keys.len() {
-            return self.keys[next.saturating_sub(1)].1;
+        match &self.0 {
+            Course::Poses(keys) => keys.at(time),
+            Course::Links { rest, pivot, links } => {
+                let moved = rest.inverse().within(&placement_at(links, time));
+                Pose { displacement: moved.point(*pivot) - *pivot, rotation: moved.rotation }
+            }
         }
-        let ((t0, a), (t1, b)) = (self.keys[next - 1], self.keys[next]);
-        let t = (time - t0) / (t1 - t0);
-        let t = if self.is_smooth { t * t * (3.0 - 2.0 * t) } else { t };
-        Pose { displacement: a.displacement.lerp(b.displacement, t), rotation: a.rotation.slerp(b.rotation, t) }
+    }
+
+    /// How much larger than at rest it is at a time [s].
+    pub fn scale(&self, time: f64) -> f64 {
+        match &self.0 {
+            Course::Poses(_) => 1.0,
+            Course::Links { links, rest, .. } => placement_at(links, time).scale / rest.scale,
+        }
+    }
+
+    /// What takes the body from where it rests to where it is at a time [s]; `pivot` is its middle where it rests [m].
+    pub fn placement(&self, pivot: DVec3, time: f64) -> Placement {
+        let (pose, scale) = (self.pose(time), self.scale(time));
+        let translation = pivot + pose.displacement - pose.rotation * (scale * pivot);
+        Placement { scale, rotation: pose.rotation, translation }
     }
 
     /// The motion from `start` [s] on for `duration` [s], of a body whose middle rests at `center`. A span without
@@ -223,6 +326,42 @@ mod tests {
             assert!((m.pose(0.5).displacement.x - 0.5).abs() < 1e-12, "both are symmetric");
         }
         assert!(motion(true).pose(0.01).displacement.x < 0.2 * motion(false).pose(0.01).displacement.x);
+    }
+
+    #[test]
+    fn spaces_in_spaces_move_together_and_a_line_of_keys_is_a_geodesic() {
+        let axis = DVec3::new(0.0, 0.6, 0.8);
+        let link = |to: DVec3, angle: f64, scale: f64| Link {
+            translation: Keys::new(vec![(0.0, DVec3::ZERO), (2.0, to)], Interpolation::Linear, false),
+            turn: Keys::new(
+                vec![(0.0, Turn::About(axis, 0.3)), (2.0, Turn::About(axis, 0.3 + angle))],
+                Interpolation::Linear,
+                false,
+            ),
+            scale: Keys::new(vec![(0.0, 1.5), (2.0, 1.5 * scale)], Interpolation::Linear, false),
+        };
+        let (outer, inner) = (link(DVec3::X, 9.0, 1.0), link(DVec3::Y, -2.0, 2.0));
+        let pivot = DVec3::new(0.4, -0.2, 0.7);
+        let motion = Motion::of_links(vec![outer.clone(), inner.clone()], pivot);
+        let there = |p: DVec3, time: f64| outer.at(time).point(inner.at(time).point(p));
+        for time in [-1.0, 0.0, 0.3, 1.1, 2.0, 5.0] {
+            let p = DVec3::new(0.1, 0.9, -0.5);
+            let moved = motion.placement(pivot, time).point(there(p, 0.0));
+            assert!((moved - there(p, time)).length() < 1e-12, "{time}: {moved}");
+        }
+        assert_eq!((motion.scale(0.0), motion.scale(2.0)), (1.0, 2.0));
+        // A space alone, about its own origin: the same change in every tenth of the time.
+        let alone = Motion::of_links(vec![outer], DVec3::ZERO);
+        let step = |i: i32| {
+            let [a, b] = [i, i + 1].map(|i| alone.pose(0.2 * f64::from(i)));
+            (b.displacement - a.displacement, b.rotation * a.rotation.inverse())
+        };
+        for i in 1..10 {
+            assert!((step(i).0 - step(0).0).length() < 1e-12 && step(i).1.angle_between(step(0).1) < 1e-6);
+        }
+        assert!(
+            Placement::IDENTITY.within(&inner.at(0.7)).within(&inner.at(0.7).inverse()).translation.length() < 1e-12
+        );
     }
 
     #[test]

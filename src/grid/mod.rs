@@ -8,6 +8,7 @@
 //! Voxels are kept in bricks of 8³. A brick stores 9³ samples: its own and the first layer of the next bricks, so that
 //! every one of the 8 samples that a point interpolates from is in the brick of its cell, and a read touches one brick.
 
+pub mod drift;
 pub mod kernel;
 pub mod lookup;
 pub mod majorant;

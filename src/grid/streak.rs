@@ -1,4 +1,4 @@
-//! Particles as the splatter sees them: kernels in a row along a straight streak.
+//! Particles as the splatter sees them: kernels in a row along the way that each goes while the shutter is open.
 
 use crate::grid::kernel::{MAX_RADIUS, MAX_WIDTH, MIN_RADIUS, reach};
 use crate::grid::soft::ObstacleDistance;
@@ -10,13 +10,18 @@ use std::ops::Range;
 /// Most pieces that the streak of one particle is split into; longer streaks than 256 kernel radii become dotted.
 pub const MAX_PIECES: u32 = 512;
 
+/// Most voxels by which a way may bend: coordinates with it are far from overflow.
+const MAX_BEND: f64 = 1e6;
+
 /// The particles to splat; all slices have the same length.
 #[derive(Debug, Clone, Copy)]
 pub struct SplatInput<'a> {
     /// Coordinates [m].
     pub position: [&'a [f32]; 3],
-    /// Components [m/s], for motion blur.
+    /// Components at the particle's instant [m/s], for motion blur.
     pub velocity: [&'a [f32]; 3],
+    /// Accelerations [m/s²] and their changes [m/s³] at that instant, for motion blur along ways that bend; straight without.
+    pub bends: Option<[[&'a [f32]; 3]; 2]>,
     /// Mass [density·m³], at least 0.
     pub mass: &'a [f32],
     /// Reach of the kernel along each axis [m], greater than 0.
@@ -46,7 +51,8 @@ impl<'a> Streaks<'a> {
         first: usize,
     ) -> Result<Self, GridError> {
         let count = input.mass.len();
-        let slices = input.position.iter().chain(&input.velocity).chain([&input.radius]);
+        let bends = input.bends.iter().flatten().flatten();
+        let slices = input.position.iter().chain(&input.velocity).chain(bends).chain([&input.radius]);
         if let Some(other) = slices.map(|s| s.len()).find(|&n| n != count) {
             return Err(GridError::Lengths(count, other));
         }
@@ -59,7 +65,8 @@ impl<'a> Streaks<'a> {
 
     /// What is wrong with particle `i`, if anything, and the value that is.
     fn complaint(&self, i: usize) -> Option<(usize, &'static str, f32)> {
-        let limit = f64::from(MAX_COORDINATE - 2 * MAX_WIDTH as i32);
+        let bend = if self.input.bends.is_some() { MAX_BEND } else { 0.0 };
+        let limit = f64::from(MAX_COORDINATE - 2 * MAX_WIDTH as i32) - bend;
         for axis in 0..3 {
             let (p, v) = (self.input.position[axis][i], self.input.velocity[axis][i]);
             if !p.is_finite() {
@@ -73,6 +80,14 @@ impl<'a> Streaks<'a> {
                 if reached.is_nan() || reached.abs() >= limit {
                     return Some((i, "the position must be within four million voxels of the origin", p));
                 }
+            }
+        }
+        if let Some([acceleration, jerk]) = self.bends(i) {
+            let time = self.shutter[0].abs().max(self.shutter[1].abs());
+            let bend = time * time * (0.5 * acceleration.length() + time / 6.0 * jerk.length());
+            let bend_voxels = bend * self.inverse_voxel_size;
+            if bend_voxels.is_nan() || bend_voxels >= MAX_BEND {
+                return Some((i, "the way must bend by less than a million voxels, not by these metres", bend as f32));
             }
         }
         let (mass, radius) = (self.input.mass[i], self.input.radius[i]);
@@ -117,27 +132,61 @@ impl<'a> Streaks<'a> {
         DVec3::new(f64::from(components[0][i]), f64::from(components[1][i]), f64::from(components[2][i]))
     }
 
+    /// Acceleration and its change of particle `i`, where its way bends.
+    #[inline(always)]
+    fn bends(&self, i: usize) -> Option<[DVec3; 2]> {
+        let bends = self.input.bends.as_ref()?;
+        Some([Self::vector(&bends[0], i), Self::vector(&bends[1], i)])
+    }
+
+    /// Velocity of particle `i` at a time of the shutter.
+    #[inline(always)]
+    fn velocity(&self, i: usize, time: f64) -> DVec3 {
+        let velocity = Self::vector(&self.input.velocity, i);
+        match self.bends(i) {
+            Some([acceleration, jerk]) => velocity + (acceleration + jerk * (0.5 * time)) * time,
+            None => velocity,
+        }
+    }
+
+    /// Where particle `i` is at a time of the shutter [m].
+    #[inline(always)]
+    fn position(&self, i: usize, time: f64) -> DVec3 {
+        let (position, velocity) = (Self::vector(&self.input.position, i), Self::vector(&self.input.velocity, i));
+        match self.bends(i) {
+            Some([acceleration, jerk]) => {
+                position + (velocity + (acceleration * 0.5 + jerk * (time / 6.0)) * time) * time
+            }
+            None => position + velocity * time,
+        }
+    }
+
     /// Into how many pieces the streak of particle `i` is split, at least 1.
     #[inline(always)]
     pub fn piece_count(&self, i: usize) -> u32 {
-        let duration = (self.shutter[1] - self.shutter[0]).abs();
+        let [open, close] = self.shutter;
+        let duration = (close - open).abs();
         if duration == 0.0 {
             return 1;
         }
-        let length = Self::vector(&self.input.velocity, i).length() * duration;
-        let pieces = length * self.inverse_voxel_size / (0.5 * self.radius(i));
+        let speed = if self.input.bends.is_some() {
+            // Between two times the speed may be higher than at both, by next to nothing where ways bend as little as these.
+            [open, 0.5 * (open + close), close].into_iter().fold(0.0, |most, t| self.velocity(i, t).length().max(most))
+        } else {
+            self.velocity(i, 0.0).length()
+        };
+        let pieces = speed * duration * self.inverse_voxel_size / (0.5 * self.radius(i));
         // The ceiling, without the library call that the baseline processor would need.
         let whole = pieces.min(f64::from(MAX_PIECES)) as u32;
         (whole + u32::from(f64::from(whole) < pieces)).clamp(1, MAX_PIECES)
     }
 
-    /// Centre of piece `k` of the `count` of particle `i`.
+    /// Centre of piece `k` of the `count` of particle `i`. Pieces are equal parts of the time, not of the way.
     #[inline(always)]
     pub fn center(&self, i: usize, k: u32, count: u32) -> DVec3 {
-        let (position, velocity) = (Self::vector(&self.input.position, i), Self::vector(&self.input.velocity, i));
         let [open, close] = self.shutter;
         let time = open + (close - open) * (f64::from(k) + 0.5) / f64::from(count);
-        (position + velocity * time) * self.inverse_voxel_size - 0.5
+        self.position(i, time) * self.inverse_voxel_size - 0.5
     }
 
     /// Where particle `i` is at its instant.
@@ -145,15 +194,17 @@ impl<'a> Streaks<'a> {
         Self::vector(&self.input.position, i) * self.inverse_voxel_size - 0.5
     }
 
-    /// Middle of the streak of particle `i`, and half its length.
+    /// Middle of the streak of particle `i`, and how far from there it reaches.
     pub fn middle(&self, i: usize) -> (DVec3, f64) {
-        let velocity = Self::vector(&self.input.velocity, i);
         let [open, close] = self.shutter;
-        let middle = Self::vector(&self.input.position, i) + velocity * (0.5 * (open + close));
-        (
-            middle * self.inverse_voxel_size - 0.5,
-            0.5 * velocity.length() * (close - open).abs() * self.inverse_voxel_size,
-        )
+        let middle = self.position(i, 0.5 * (open + close)) * self.inverse_voxel_size - 0.5;
+        if self.input.bends.is_none() {
+            let length = self.velocity(i, 0.0).length() * (close - open).abs();
+            return (middle, 0.5 * length * self.inverse_voxel_size);
+        }
+        let count = self.piece_count(i);
+        let reach = (0..count).map(|k| self.center(i, k, count).distance(middle)).fold(0.0, f64::max);
+        (middle, reach)
     }
 
     /// First and last brick that each piece of particle `i` reaches; none for one that weighs nothing.
@@ -168,23 +219,28 @@ impl<'a> Streaks<'a> {
 
     /// Calls `visit` once for each brick that particle `i` reaches.
     pub fn for_each_brick(&self, i: usize, mut visit: impl FnMut(IVec3)) {
-        let (mut seen_low, mut seen_high) = (IVec3::ONE, IVec3::ZERO);
-        for (low, high) in self.brick_ranges(i) {
-            // Pieces lie in order on a line, so a brick reached by an earlier piece and by this one was reached by the
-            // piece between them too: comparing with the last piece is enough.
-            if (low, high) != (seen_low, seen_high) {
-                for z in low.z..=high.z {
-                    for y in low.y..=high.y {
-                        for x in low.x..=high.x {
-                            let brick = IVec3::new(x, y, z);
-                            if brick.cmplt(seen_low).any() || brick.cmpgt(seen_high).any() {
-                                visit(brick);
-                            }
+        let mut last = (IVec3::ONE, IVec3::ZERO);
+        for (piece, (low, high)) in self.brick_ranges(i).enumerate() {
+            // A straight streak reached by an earlier piece and by this one was reached by the piece between them too, so that
+            // comparing with the last piece is enough. One that bends may come back.
+            if (low, high) == last {
+                continue;
+            }
+            let before = if self.input.bends.is_some() { 0 } else { piece.saturating_sub(1) };
+            for z in low.z..=high.z {
+                for y in low.y..=high.y {
+                    for x in low.x..=high.x {
+                        let brick = IVec3::new(x, y, z);
+                        let holds = |&(low, high): &(IVec3, IVec3)| brick.cmpge(low).all() && brick.cmple(high).all();
+                        let is_new = !holds(&last)
+                            && (piece - before < 2 || !self.brick_ranges(i).take(piece - 1).any(|range| holds(&range)));
+                        if is_new {
+                            visit(brick);
                         }
                     }
                 }
             }
-            (seen_low, seen_high) = (low, high);
+            last = (low, high);
         }
     }
 
@@ -233,11 +289,20 @@ mod tests {
         let input = SplatInput {
             position: [&position[0], &position[1], &position[2]],
             velocity: [&velocity[0], &velocity[1], &velocity[2]],
+            bends: None,
             mass: &[1.0],
             radius: &[2.5],
             obstacles: None,
         };
-        let streaks = Streaks::try_new(&input, 1.0, [-0.5, 0.5], 0).unwrap();
+        // Straight, and round a bend and back.
+        let bends = [[&[-30.0f32][..], &[90.0], &[0.0]], [&[-1900.0], &[-20.0], &[-70.0]]];
+        for input in [input, SplatInput { bends: Some(bends), ..input }] {
+            check_that_bricks_are_listed_once(&input);
+        }
+    }
+
+    fn check_that_bricks_are_listed_once(input: &SplatInput) {
+        let streaks = Streaks::try_new(input, 1.0, [-0.5, 0.5], 0).unwrap();
         let mut listed = Vec::new();
         streaks.for_each_brick(0, |b| listed.push(b.to_array()));
         let mut expected: Vec<[i32; 3]> = streaks

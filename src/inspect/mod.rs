@@ -18,7 +18,7 @@ pub mod streamlines;
 pub mod warp;
 
 use crate::flow::Flow;
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, keys, vector};
 use crate::inspect::plane::Perspective;
 use crate::inspect::probe::SceneFlow;
 use crate::inspect::streamlines::TraceSettings;
@@ -93,15 +93,18 @@ impl Inspection {
     pub fn build(scene: &Scene, frame: i32, geometry: Geometry, flow: Flow) -> Self {
         let settings = &scene.settings;
         let camera = &settings.camera;
-        let [position, look_at, up] = [camera.position, camera.look_at, camera.up].map(DVec3::from_array);
+        // As for particles: the first frame is at time 0.
+        let time = (f64::from(frame) - f64::from(settings.frames.first)) / settings.frames.fps;
+        let [position, look_at, up] =
+            [&camera.position, &camera.look_at, &camera.up].map(|v| keys(v, &settings.frames, vector).at(time));
+        let fov = keys(&camera.vertical_fov_deg, &settings.frames, |x| *x).at(time);
         Self {
             flow,
             geometry,
             emitters: settings.smoke.as_ref().map(|smoke| smoke.emitters.clone()).unwrap_or_default(),
-            camera: Perspective::try_new(position, look_at, up, camera.vertical_fov_deg)
+            camera: Perspective::try_new(position, look_at, up, fov)
                 .expect("validation refuses cameras that look nowhere"),
-            // As for particles: the first frame is at time 0.
-            time: (f64::from(frame) - f64::from(settings.frames.first)) / settings.frames.fps,
+            time,
             seed: Seed(settings.render.seed).derive(INSPECT_KEYS),
             memory_limit_gib: settings.render.memory_limit_gib,
             bytes_per_step: bytes_per_step(&settings.flow),

@@ -5,6 +5,7 @@ pub mod dual;
 pub mod hash;
 pub mod interpolate;
 pub mod jet;
+pub mod keys;
 pub mod lanes;
 pub mod lattice;
 pub mod parallel;

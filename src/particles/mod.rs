@@ -1,6 +1,7 @@
 //! Particles of smoke: where they come from and where they go.
 
 pub mod advect;
+pub mod bend;
 pub mod emit;
 pub mod follow;
 pub mod system;
@@ -10,9 +11,10 @@ use crate::geometry::Geometry;
 use crate::geometry::motion::Motion;
 use crate::math::hash::Seed;
 use crate::particles::advect::{CLASSICAL, EULER, MIDPOINT};
+use crate::particles::bend::Bends;
 use crate::particles::emit::{Emitter, Place, Schedule, Surface};
 use crate::particles::system::{KernelSize, TimeGrid};
-use crate::scene::footprint::{PARTICLE_BYTES, held_count, live_count};
+use crate::scene::footprint::{held_count, live_count, particle_bytes};
 use crate::scene::settings::{self, Integrator};
 use crate::scene::{Scene, settings::Settings};
 use glam::DVec3;
@@ -33,6 +35,8 @@ pub struct Particles {
     pub position: [Vec<f32>; 3],
     /// Velocities at the frame's time [m/s], an array for each axis.
     pub velocity: [Vec<f32>; 3],
+    /// How their ways bend while the shutter is open; empty where it is not.
+    pub bends: Option<Bends>,
     /// Masses, faded in and out [density unit · m³].
     pub mass: Vec<f32>,
     /// Reach of the kernel to splat with [m].
@@ -125,7 +129,9 @@ impl ParticleSystem {
         let least = KERNEL_VOXELS * grid.voxel_size;
         let kernel =
             KernelSize { initial_radius: grid.kernel_radius.unwrap_or(least).max(least), expansion: grid.expansion };
-        Ok(Self::new(flow, emitters, time, scheme, kernel))
+        let mut system = Self::new(flow, emitters, time, scheme, kernel);
+        system.open_shutter(frames.shutter.map(|share| share / frames.fps));
+        Ok(system)
     }
 }
 
@@ -133,7 +139,7 @@ fn check_memory(settings: &Settings, smoke: &settings::Smoke) -> Result<(), Part
     const GIB: f64 = (1u64 << 30) as f64;
     let count = smoke.emitters.iter().map(|e| live_count(e, &settings.frames)).sum::<f64>();
     let count = held_count(count, &smoke.advect);
-    let needed_gib = count * PARTICLE_BYTES / GIB;
+    let needed_gib = count * particle_bytes(&settings.frames) / GIB;
     let limit_gib = settings.render.memory_limit_gib;
     if needed_gib > limit_gib {
         return Err(ParticlesError::OverMemoryLimit { count, needed_gib, limit_gib });

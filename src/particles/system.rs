@@ -8,6 +8,7 @@ use crate::flow::field::VelocityField;
 use crate::flow::kind::{Flow, FlowSpan};
 use crate::math::parallel;
 use crate::particles::advect::{Coordinates, Scheme, advance, evaluate};
+use crate::particles::bend::bends;
 use crate::particles::emit::{Birth, Emitter};
 use crate::particles::follow::{IsoValues, Stride, follow, velocities};
 use crate::particles::{Particles, ParticlesError};
@@ -103,6 +104,8 @@ pub struct ParticleSystem {
     grid: TimeGrid,
     scheme: Scheme,
     kernel: KernelSize,
+    /// Between which times relative to a frame its shutter is open [s].
+    shutter: [f64; 2],
     clouds: Vec<Cloud>,
     /// The step at whose beginning the clouds are.
     step: Option<i64>,
@@ -130,6 +133,7 @@ impl ParticleSystem {
             grid,
             scheme,
             kernel,
+            shutter: [0.0; 2],
             step: None,
             phases: Vec::new(),
             frame: Particles::default(),
@@ -138,6 +142,12 @@ impl ParticleSystem {
             born_inside: 0,
             particle_steps: 0,
         }
+    }
+
+    /// Says between which times relative to a frame its shutter is open [s]; without, it is not, and ways of particles do not
+    /// bend.
+    pub fn open_shutter(&mut self, shutter: [f64; 2]) {
+        self.shutter = shutter;
     }
 
     /// What carries the particles.
@@ -367,6 +377,9 @@ impl ParticleSystem {
             Flow::Curl(field) => evaluate(&field.span(time, 0.0), &frame.position, &mut frame.velocity),
             Flow::Tracks(tracks) => velocities(tracks, &frame.position, &mut frame.velocity),
         }
+        let is_open = self.shutter != [0.0; 2];
+        frame.bends =
+            is_open.then(|| bends(&self.flow, time, self.shutter, &frame.position, &frame.velocity, &frame.radius));
     }
 }
 

@@ -1,6 +1,7 @@
 //! What tells whether a frame on disk was made from this very scene and the files that it names.
 
 use crate::error::Error;
+use crate::geometry::gltf_file::buffer_files;
 use crate::output::sidecar;
 use crate::pipeline::parse_pattern;
 use crate::render::film::PixelBounds;
@@ -8,7 +9,7 @@ use crate::scene::{Scene, settings};
 use std::path::Path;
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
-const PICTURES: &str = "2026-11-23 d";
+const PICTURES: &str = "2026-11-23 e";
 
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {
@@ -34,7 +35,11 @@ impl InputHash {
         }
         let mut files = Vec::new();
         for shape in settings.shapes.values() {
-            files.extend(shape.mesh.as_ref().map(|m| scene.resolve(&m.file)));
+            let mesh = shape.mesh.as_ref().map(|m| scene.resolve(&m.file));
+            let is_gltf =
+                mesh.as_ref().and_then(|path| path.extension()).is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
+            files.extend(mesh.iter().filter(|_| is_gltf).flat_map(|path| buffer_files(path)));
+            files.extend(mesh);
             for (_, texture) in shape.material.textures() {
                 if let settings::Texture::Image(image) = texture {
                     files.push(scene.resolve(&image.file));

@@ -4,6 +4,7 @@ use crate::error::Error;
 use crate::flow::Flow;
 use crate::flow::field::FieldSpan;
 use crate::geometry::Geometry;
+use crate::grid::drift::{self, VelocityGrid};
 use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{Splat, SplatInput, SplatSettings, SplatSum};
 use crate::grid::{DensityGrid, GridError, vdb};
@@ -16,6 +17,7 @@ use crate::scene::footprint;
 use crate::scene::pattern::Pattern;
 use crate::scene::{Scene, settings};
 use glam::DVec3;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// The smoke of a frame.
@@ -100,7 +102,40 @@ impl DensityFiles {
                 Some(glow.map_err(|e| in_scene(scene, &key, Some(frame), e))?)
             }
         };
-        Ok(FrameSmoke { density, glow, is_unbound: heat.is_none() })
+        let smoke = FrameSmoke { density, glow, is_unbound: heat.is_none() };
+        let frames = &scene.settings.frames;
+        match &self.settings.velocity {
+            Some(name) if frames.shutter != [0.0; 2] => {
+                let left = limit.saturating_sub(smoke.memory_bytes());
+                timed(progress, Stage::Grid, record, 0, || self.blurred(smoke, &path, name, frames, left))
+                    .map_err(|e| in_scene(scene, &format!("{file_key}.velocity"), Some(frame), e))
+            }
+            _ => Ok(smoke),
+        }
+    }
+
+    /// The mean of smoke over the shutter, by the velocities of its file.
+    fn blurred(
+        &self,
+        smoke: FrameSmoke,
+        path: &Path,
+        name: &str,
+        frames: &settings::Frames,
+        limit: u64,
+    ) -> Result<FrameSmoke, Error> {
+        let factor = match self.settings.velocity_units {
+            settings::VelocityUnits::Second => 1.0,
+            settings::VelocityUnits::Frame => frames.fps,
+        };
+        let velocity = VelocityGrid::new(vdb::read_vector_grid(path, name, limit)?, factor);
+        let shutter = frames.shutter.map(|share| share / frames.fps);
+        let blur = |grid: &DensityGrid| drift::blurred(grid, &velocity, shutter, limit);
+        let density = blur(&smoke.density)?;
+        let glow = match &smoke.glow {
+            Some([red, green, blue]) => Some([blur(red)?, blur(green)?, blur(blue)?]),
+            None => None,
+        };
+        Ok(FrameSmoke { density, glow, ..smoke })
     }
 }
 
@@ -262,6 +297,7 @@ impl SmokeSums {
         let input = SplatInput {
             position: particles.position.each_ref().map(Vec::as_slice),
             velocity: particles.velocity.each_ref().map(Vec::as_slice),
+            bends: particles.bends.as_ref().map(|b| b.each_ref().map(|axes| axes.each_ref().map(Vec::as_slice))),
             mass: &particles.mass,
             radius: &particles.radius,
             obstacles: walls.map(|walls| walls as &dyn ObstacleDistance),

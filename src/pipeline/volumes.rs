@@ -57,7 +57,12 @@ impl VolumeSources {
                 Source::Resting(container) => even_volume(scene, name, volume, container.clone()),
                 Source::Moving(shape) => {
                     let placed = placed.get_or_insert_with(|| geometry.at(time_of(scene, frame)));
-                    even_volume(scene, name, volume, container(scene, placed, name, shape)?)
+                    let mut made = even_volume(scene, name, volume, container(scene, placed, name, shape)?)?;
+                    if let Volume::Even(medium) = &mut made {
+                        let shape_idx = geometry.shapes.iter().position(|known| known.name == *shape);
+                        medium.shape_idx = shape_idx.map(|i| i as u32);
+                    }
+                    Ok(made)
                 }
             })
             .collect()

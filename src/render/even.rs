@@ -21,6 +21,8 @@ const CLEARANCE: f32 = 4.0 * f32::EPSILON;
 pub struct EvenMedium {
     /// The surface, alone.
     pub container: Arc<TraceScene>,
+    /// Which shape of the scene the surface is, if it may move while a shutter is open.
+    pub shape_idx: Option<u32>,
     /// Extinction coefficient [1/m], ≥ 0; of the channel that has most.
     pub sigma_t: f32,
     /// Where extinction has a colour, that of each channel over the largest.

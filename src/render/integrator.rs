@@ -8,6 +8,7 @@
 //! against. What smoke itself gives off is collected along every flight.
 
 use crate::geometry::embree::{Hit, Ray};
+use crate::geometry::moment::Moment;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::bsdf::microfacet::bent;
 use crate::render::catcher::Caught;
@@ -43,6 +44,7 @@ pub struct PathLimits {
 }
 
 /// Traces paths through a world filled with smoke.
+#[derive(Clone, Copy)]
 pub struct Integrator<'a> {
     /// Surfaces and lights.
     pub world: &'a World,
@@ -52,9 +54,17 @@ pub struct Integrator<'a> {
     pub sun_shadows: &'a SunShadows,
     /// When paths end.
     pub limits: PathLimits,
+    /// Where shapes are that move while the shutter is open; by default all are where they are at the frame.
+    pub moment: Moment<'a>,
 }
 
 impl<'a> Integrator<'a> {
+    /// The same at a moment.
+    #[inline]
+    pub fn at(&self, moment: Moment<'a>) -> Self {
+        Self { moment, media: self.media.at(moment), ..*self }
+    }
+
     /// Traces one path backwards from the camera along `ray`.
     pub fn trace(&self, ray: Ray, sampler: &mut Sampler, counts: &mut PathCounts) -> Contribution {
         let mut contribution = Contribution::default();
@@ -106,8 +116,8 @@ impl<'a> Integrator<'a> {
             let flown = flies_first.then(|| self.fly(&ray, f32::INFINITY, numbers[3], sampler, None));
             let reach = flown.as_ref().map_or(f32::INFINITY, |(_, end)| beyond(*end, &ray));
             let hit = match bounce {
-                0 => self.world.seen_by_camera(&ray),
-                _ => self.world.surfaces.intersect(&ray, 0.0, reach),
+                0 => self.world.seen_by_camera(&ray, self.moment),
+                _ => self.world.surfaces.intersect_at(&ray, 0.0, reach, self.moment),
             };
             let surface_t = hit.as_ref().map_or(f32::INFINITY, |h| h.t);
             let light = self.world.nearest_light(&ray, surface_t.min(reach), bounce == 0);
@@ -144,7 +154,15 @@ impl<'a> Integrator<'a> {
                     (None, Some(hit)) => {
                         let material = &self.world.materials[hit.shape_idx as usize];
                         let is_front = hit.normal.dot(*ray.direction) < 0.0;
-                        let point = material.seen(hit.position, hit.shading_normal, is_front);
+                        let point = match self.moment.of(hit.shape_idx) {
+                            None => material.seen(hit.position, hit.shading_normal, is_front),
+                            // Patterns move with the shape.
+                            Some(carried) => material.seen(
+                                carried.back(hit.position),
+                                carried.direction_back(hit.shading_normal),
+                                is_front,
+                            ),
+                        };
                         match material.sight {
                             Sight::Hole if bounce == 0 => return,
                             Sight::Shadow if bounce == 0 => {
@@ -153,7 +171,7 @@ impl<'a> Integrator<'a> {
                             _ => {}
                         }
                         // Textured light is none of the direct connections, so that every path that meets it counts in full.
-                        let weight = match self.world.surface_light(&hit, asked.point, ray.direction) {
+                        let weight = match self.world.surface_light(&hit, asked.point, ray.direction, self.moment) {
                             Some((i, pdf)) if direction_pdf.is_some() => {
                                 met_weight(direction_pdf, pdf * asked.density(self.world, i))
                             }
@@ -274,7 +292,7 @@ impl<'a> Integrator<'a> {
     ) -> Option<(LightSample, usize, f32)> {
         let u = if self.world.asks_by_chance { sampler.numbers(Dimension::Light, bounce) } else { [0.5; 4] };
         let (target, pmf) = self.world.choose_light(asked.point, u[0])?;
-        let sample = self.world.lights[target].sample(vertex.point(), [u[1], u[2]])?;
+        let sample = self.world.sample_light(target, vertex.point(), [u[1], u[2]], self.moment)?;
         let mis = connection_weight(vertex, &sample, pmf, asked.nearby_density(target));
         Some((sample, target, mis / pmf))
     }
@@ -286,14 +304,14 @@ impl<'a> Integrator<'a> {
         let ray = Ray { origin: vertex.leave(sample.direction), direction: sample.direction };
         let t_max = sample.distance * (1.0 - 1e-4);
         let is_blocked = matches!(self.world.lights[target], Light::Surface(_))
-            || self.world.nearest_catcher(&ray, t_max).is_some()
+            || self.world.nearest_catcher(&ray, t_max, self.moment).is_some()
             || self.world.is_behind_light(&ray, t_max, target);
         if is_blocked { Vec3::ZERO } else { vertex.value(sample.direction) * sample.weight * factor }
     }
 
     /// Light that a path meets by itself were there nothing but lights and shadow catchers.
     fn met_unshadowed(&self, ray: &Ray, throughput: Rgb, direction_pdf: Option<f32>, asked: &Asked) -> Rgb {
-        let catcher = self.world.nearest_catcher(ray, f32::INFINITY);
+        let catcher = self.world.nearest_catcher(ray, f32::INFINITY, self.moment);
         let t_max = catcher.map_or(f32::INFINITY, |hit| hit.t);
         if let Some(met) = self.world.nearest_light(ray, t_max, false) {
             let light_pdf = met.pdf * asked.density(self.world, met.light_idx);
@@ -336,8 +354,7 @@ impl<'a> Integrator<'a> {
         // Where volumes overlap, both ways of finding this place choose between them by their extinctions.
         let matter = self.media.met_at(ray, place.t, sampler.stream())?;
         let vertex = Vertex::Smoke { point: ray.at(place.t), matter, before: ray.direction };
-        let light = &self.world.lights[place.light_idx];
-        let sample = light.sample(vertex.point(), [u[2], u[3]])?;
+        let sample = self.world.sample_light(place.light_idx, vertex.point(), [u[2], u[3]], self.moment)?;
         // Against free flight to the same place, which then asks the same light.
         let pmf = self.world.pmf(vertex.point(), place.light_idx);
         let mis = connection_weight(&vertex, &sample, place.density / flight, pmf);
@@ -370,7 +387,7 @@ impl<'a> Integrator<'a> {
         }
         // Stop short of the light itself.
         let t_max = sample.distance * (1.0 - 1e-4);
-        if self.world.is_blocked(&ray, t_max, target) {
+        if self.world.is_blocked(&ray, t_max, target, self.moment) {
             return Vec3::ZERO;
         }
         if shadows.is_empty() {

@@ -175,7 +175,7 @@ impl Layer {
 impl Middle {
     /// Looks along the ray through the middle of a pixel.
     pub fn look(integrator: &Integrator, camera: &Camera, ray: &Ray) -> Self {
-        let hit = integrator.world.seen_by_camera(ray);
+        let hit = integrator.world.seen_by_camera(ray, integrator.moment);
         let end = hit.as_ref().map_or(f32::INFINITY, |hit| hit.t);
         let view = integrator.media.view_through(ray, end);
         let depth = |t: f32| if t.is_finite() { camera.depth(ray, t) } else { t };

@@ -9,6 +9,7 @@
 //! path: it is one of the things that may happen beyond the end, and all that may happen there adds up to 1 for every channel.
 
 use crate::geometry::embree::Ray;
+use crate::geometry::moment::Moment;
 use crate::render::chroma::Chroma;
 use crate::render::color::Rgb;
 use crate::render::dense::{self, ViewThrough};
@@ -39,11 +40,13 @@ pub struct Media<'a> {
     smoke: Option<&'a Medium>,
     /// What there is besides.
     volumes: &'a [Volume],
+    /// Where shapes are that hold some of it.
+    moment: Moment<'a>,
 }
 
 impl<'a> From<Option<&'a Medium>> for Media<'a> {
     fn from(smoke: Option<&'a Medium>) -> Self {
-        Self { smoke, volumes: &[] }
+        Self { smoke, volumes: &[], moment: Moment::default() }
     }
 }
 
@@ -51,13 +54,35 @@ impl<'a> From<Option<&'a Medium>> for Media<'a> {
 #[derive(Clone, Copy)]
 enum Each<'a> {
     Grid(&'a Medium),
-    Even(&'a EvenMedium),
+    Even(Held<'a>),
+}
+
+/// Even matter in a shape that may be elsewhere than at the frame's own time. Shapes that hold matter keep their size, so that
+/// distances are the same in the space in which the shape is still.
+#[derive(Clone, Copy)]
+struct Held<'a> {
+    medium: &'a EvenMedium,
+    moment: Moment<'a>,
+}
+
+impl Held<'_> {
+    #[inline]
+    fn ray(&self, ray: &Ray) -> Ray {
+        let carried = self.medium.shape_idx.and_then(|shape_idx| self.moment.of(shape_idx));
+        carried.map_or(*ray, |carried| carried.ray_back(ray))
+    }
 }
 
 impl<'a> Media<'a> {
     /// Smoke and volumes.
     pub fn new(smoke: Option<&'a Medium>, volumes: &'a [Volume]) -> Self {
-        Self { smoke, volumes }
+        Self { smoke, volumes, moment: Moment::default() }
+    }
+
+    /// The same where the shapes that hold some of it are elsewhere.
+    #[inline]
+    pub fn at(self, moment: Moment<'a>) -> Self {
+        Self { moment, ..self }
     }
 
     /// Whether light flies through nothing.
@@ -67,9 +92,10 @@ impl<'a> Media<'a> {
     }
 
     fn each(&self) -> impl Iterator<Item = Each<'a>> {
-        let volumes = self.volumes.iter().map(|volume| match volume {
+        let moment = self.moment;
+        let volumes = self.volumes.iter().map(move |volume| match volume {
             Volume::Grid(medium) => Each::Grid(medium),
-            Volume::Even(medium) => Each::Even(medium),
+            Volume::Even(medium) => Each::Even(Held { medium, moment }),
         });
         self.smoke.map(Each::Grid).into_iter().chain(volumes)
     }
@@ -103,7 +129,7 @@ impl<'a> Media<'a> {
         }
         self.each().any(|each| match each {
             Each::Grid(medium) => medium.glows(),
-            Each::Even(medium) => medium.emission != Rgb::ZERO,
+            Each::Even(held) => held.medium.emission != Rgb::ZERO,
         })
     }
 
@@ -151,7 +177,9 @@ impl<'a> Media<'a> {
                     Event::Collision { t } => Some(t),
                     Event::Escape => None,
                 },
-                Each::Even(medium) => medium.sample_collision(ray, end, optical_distance(u), chroma.as_deref_mut()),
+                Each::Even(held) => {
+                    held.medium.sample_collision(&held.ray(ray), end, optical_distance(u), chroma.as_deref_mut())
+                }
             };
             if let Some(t) = met {
                 end = t;
@@ -180,7 +208,7 @@ impl<'a> Media<'a> {
         }
         // What is exact and costs little first: where nothing comes through, nothing else is asked.
         let even = self.each().map(|each| match each {
-            Each::Even(medium) => medium.transmittance(ray, t_max),
+            Each::Even(held) => held.medium.transmittance(&held.ray(ray), t_max),
             Each::Grid(_) => Vec3::ONE,
         });
         let mut all = even.fold(Vec3::ONE, |a, b| a * b);
@@ -201,8 +229,8 @@ impl<'a> Media<'a> {
         }
         let of_each = |each: Each| match each {
             Each::Grid(medium) if medium.glows() => glow::collected(medium, ray, end, stream),
-            Each::Even(medium) if medium.emission != Rgb::ZERO => {
-                medium.emission * medium.length_inside(ray, end) as f32
+            Each::Even(held) if held.medium.emission != Rgb::ZERO => {
+                held.medium.emission * held.medium.length_inside(&held.ray(ray), end) as f32
             }
             _ => Rgb::ZERO,
         };
@@ -253,7 +281,7 @@ impl<'a> Media<'a> {
             _ => {
                 let columns = self.each().map(|each| match each {
                     Each::Grid(medium) => Column::of_grid(medium, ray, end),
-                    Each::Even(medium) => Column::of_even(medium, ray, end),
+                    Each::Even(held) => Column::of_even(held.medium, &held.ray(ray), end),
                 });
                 Some(view_through_all(&columns.collect::<Vec<_>>()))
             }
@@ -265,22 +293,22 @@ impl Each<'_> {
     fn tint(self) -> Option<Vec3> {
         match self {
             Self::Grid(medium) => medium.tint,
-            Self::Even(medium) => medium.tint,
+            Self::Even(held) => held.medium.tint,
         }
     }
 
     fn matter(self) -> Matter {
         match self {
             Self::Grid(medium) => medium.matter(),
-            Self::Even(medium) => medium.matter,
+            Self::Even(held) => held.medium.matter,
         }
     }
 
     fn range(self, ray: &Ray, t_max: f32) -> Option<[f32; 2]> {
         match self {
             Self::Grid(medium) => medium.range(ray, t_max),
-            Self::Even(medium) => {
-                let mut pieces = medium.pieces(ray, t_max);
+            Self::Even(held) => {
+                let mut pieces = held.medium.pieces(&held.ray(ray), t_max);
                 let first = pieces.next()?;
                 Some([first[0], pieces.last().map_or(first[1], |last| last[1])])
             }
@@ -291,7 +319,7 @@ impl Each<'_> {
     fn at(self, ray: &Ray, t: f32) -> (f32, f64) {
         match self {
             Self::Grid(medium) => (self.sigma_t(ray, t), optical_depth(medium, ray, t)),
-            Self::Even(medium) => medium.at(ray, t),
+            Self::Even(held) => held.medium.at(&held.ray(ray), t),
         }
     }
 
@@ -299,7 +327,7 @@ impl Each<'_> {
     fn sigma_t(self, ray: &Ray, t: f32) -> f32 {
         match self {
             Self::Grid(medium) => medium.sigma_t(medium.ray_to_index(ray).at(t)),
-            Self::Even(medium) => medium.at(ray, t).0,
+            Self::Even(held) => held.medium.at(&held.ray(ray), t).0,
         }
     }
 }

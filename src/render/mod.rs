@@ -55,17 +55,19 @@ pub use crate::render::from_scene::textures::TextureStore;
 use crate::flow::turbulence::{Turbulence, TurbulenceSettings};
 use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
+use crate::geometry::moment::Shutter;
 use crate::grid::DensityGrid;
 use crate::grid::majorant::{CellEdge, MajorantGrid};
 use crate::math::hash::Seed;
+use crate::math::space::WorldPoint;
 use crate::render::adaptive::Adaptive;
-use crate::render::camera::{Camera, Lens};
 use crate::render::detail::Detail;
 use crate::render::even::EvenMedium;
 use crate::render::film::PixelBounds;
 use crate::render::filter::Filter;
+use crate::render::from_scene::camera::CameraCourse;
 use crate::render::from_scene::lights::{glowing_shape, groups};
-use crate::render::from_scene::{vec3, world_point};
+use crate::render::from_scene::vec3;
 use crate::render::integrator::PathLimits;
 use crate::render::layers::{Layer, group_layers};
 use crate::render::light_path::{EMISSION_GROUP, Passage};
@@ -73,7 +75,7 @@ use crate::render::material::Material;
 use crate::render::medium::{Matter, Medium};
 use crate::render::phase::Phase;
 use crate::render::picture::Picture;
-use crate::render::tiles::View;
+use crate::render::tiles::{View, ViewShutter};
 use crate::render::world::World;
 use crate::scene::settings::Aov;
 use crate::scene::{Scene, settings};
@@ -106,6 +108,23 @@ pub enum RenderError {
         light_idx: usize,
         /// What is wrong with it.
         source: Box<RenderError>,
+    },
+    /// A light over time is none at some of it.
+    #[error("at {time:.6} s, the first frame being at 0, there is no such light: {what}")]
+    LightNowhere {
+        /// When [s].
+        time: f64,
+        /// What is wrong with it, and a way out.
+        what: &'static str,
+    },
+    /// A camera that moves looks at where it stands, or along its `up`.
+    #[error(
+        "at {time:.6} s, the first frame being at 0, the camera stands where it looks, or looks along `up`; change the keys of \
+         camera.position, look_at or up"
+    )]
+    CameraNowhere {
+        /// When [s].
+        time: f64,
     },
     /// A texture cannot be made.
     #[error("{source}")]
@@ -188,7 +207,7 @@ pub const SIGMA_MAX: f64 = 1e20;
 /// most some ten voxels' worth of it where density falls from the most to next to nothing.
 pub const DETAIL_DEPTH_MAX: f64 = 1000.0;
 
-/// Surfaces, materials and lights of a scene: all but the smoke.
+/// Surfaces, materials and lights of a scene at time 0: all but the smoke. `geometry` is where shapes are then.
 ///
 /// # Errors
 /// When Embree refuses the surfaces or a picture of the surroundings cannot be used.
@@ -198,13 +217,27 @@ pub fn build_world(
     materials: Vec<Material>,
     load: LoadPicture,
 ) -> Result<World, RenderError> {
+    build_world_at(scene, geometry, materials, 0.0, load)
+}
+
+/// As [`build_world`], at another time than 0 [s].
+///
+/// # Errors
+/// As there.
+pub fn build_world_at(
+    scene: &Scene,
+    geometry: &Geometry,
+    materials: Vec<Material>,
+    time: f64,
+    load: LoadPicture,
+) -> Result<World, RenderError> {
     debug_assert_eq!(materials.len(), geometry.shapes.len(), "shapes that shine are found by their materials");
     let surfaces = geometry.trace_scene()?;
-    let mut lights = build_lights(scene, load)?;
+    let mut lights = build_lights(scene, time, load)?;
     let shapes = geometry.shapes.iter().zip(&materials).enumerate().filter(|(_, (shape, _))| shape.visible);
     lights.extend(shapes.filter_map(|(i, (shape, material))| glowing_shape(i as u32, shape, material)));
     // What the camera looks at is what is lit.
-    let center = world_point(scene.settings.camera.look_at);
+    let center = WorldPoint(CameraCourse::new(scene).look_at(time).as_vec3());
     let mut world = World::new(surfaces, materials, lights, center);
     let groups = groups(&scene.settings);
     // Shapes that shine come after the lights of the scene.
@@ -244,6 +277,7 @@ pub fn even_medium(volume: &settings::Volume, container: Arc<TraceScene>) -> Res
     check_density(medium, density as f32)?;
     let most = medium.extinction_tint.iter().copied().fold(0.0, f64::max);
     Ok(EvenMedium {
+        shape_idx: None,
         container,
         sigma_t: (medium.extinction * most * density) as f32,
         tint: tint(medium),
@@ -318,27 +352,17 @@ pub fn add_detail(medium: &mut Medium, settings: &settings::Detail, time: f64) -
     Ok(())
 }
 
-/// How frame `frame` is taken; `crop` renders a part of it.
+/// How frame `frame` is taken; `crop` renders a part of it. Of what moves it shows one instant: see [`take_time`].
 ///
 /// # Panics
-/// When the camera looks nowhere, which no valid scene does.
+/// When the camera looks nowhere, which no valid scene does whose camera is at rest; see [`check_camera`].
 pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View {
     let settings = &scene.settings;
-    let (camera, film) = (&settings.camera, &settings.film);
+    let film = &settings.film;
     let seed = Seed(settings.render.seed);
     View {
-        camera: Camera::try_new(
-            world_point(camera.position),
-            world_point(camera.look_at),
-            vec3(camera.up),
-            camera_projection(camera),
-            camera.lens.as_ref().map(|lens| Lens {
-                radius: lens.radius as f32,
-                focus_distance: lens.focus_distance.unwrap_or_else(|| camera.distance()) as f32,
-            }),
-            film.resolution,
-        )
-        .expect("validation refuses cameras that look nowhere"),
+        camera: CameraCourse::new(scene).at(frame_time(settings, frame)).expect("was checked before"),
+        shutter: None,
         resolution: film.resolution,
         bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
         spp: film.spp,
@@ -356,16 +380,32 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
     }
 }
 
-fn camera_projection(camera: &settings::Camera) -> camera::Projection {
-    match camera.projection {
-        settings::CameraProjection::Perspective => {
-            camera::Projection::Perspective { vertical_fov_deg: camera.vertical_fov_deg as f32 }
-        }
-        settings::CameraProjection::Orthographic { height } => {
-            camera::Projection::Orthographic { height: height as f32 }
-        }
-        settings::CameraProjection::LatLong => camera::Projection::LatLong,
+/// How the camera of a scene moves.
+pub fn camera_course(scene: &Scene) -> CameraCourse {
+    CameraCourse::new(scene)
+}
+
+/// Makes sure that the camera of a scene that moves looks somewhere at a frame.
+///
+/// # Errors
+/// [`RenderError::CameraNowhere`] where it does not.
+pub fn check_camera(scene: &Scene, frame: i32) -> Result<(), RenderError> {
+    CameraCourse::new(scene).at(frame_time(&scene.settings, frame)).map(|_| ())
+}
+
+/// Lets the paths of a view see camera and shapes at times of their own while the shutter is open; a view in which nothing
+/// moves then stays as it is.
+pub fn take_time(view: &mut View, scene: &Scene, shapes: Shutter) {
+    let course = CameraCourse::new(scene);
+    let is_instant = [0.0, 1.0].iter().all(|&share| shapes.time(share) == shapes.frame_time());
+    if shapes.moves() || (course.varies() && !is_instant) {
+        view.shutter = Some(Arc::new(ViewShutter { shapes, camera: course.varies().then_some(course) }));
     }
+}
+
+/// Time of a frame [s].
+fn frame_time(settings: &settings::Settings, frame: i32) -> f64 {
+    (f64::from(frame) - f64::from(settings.frames.first)) / settings.frames.fps
 }
 
 /// The further layers that a scene asks for, each once.

@@ -3,7 +3,7 @@
 //!
 //! Shapes go where their keys bring them by the next frame. Smoke goes with the flow that carries it, along one classical
 //! Runge–Kutta step as long as a frame, from where the path first scattered: so a pixel that sees deep into smoke has the
-//! mean over the depths that it sees. The camera stands still.
+//! mean over the depths that it sees. The camera goes where its keys bring it by the next frame.
 
 use crate::flow::kind::FlowSpan;
 use crate::geometry::Geometry;
@@ -19,6 +19,8 @@ use glam::{DVec3, Vec3};
 pub struct FrameMotion<'a> {
     /// Of each shape, `None` for those at rest.
     shapes: Vec<Option<RigidSpan>>,
+    /// The camera of the next frame, where it moves.
+    pub next_camera: Option<Camera>,
     /// What carries the smoke, if that is known.
     flow: Option<FlowSpan<'a>>,
     /// From a frame to the next [s].
@@ -30,7 +32,7 @@ impl<'a> FrameMotion<'a> {
     /// and is `None` for smoke of which nobody knows what carries it.
     pub fn new(geometry: &Geometry, flow: Option<FlowSpan<'a>>, time: f64, seconds: f64) -> Self {
         let span = |shape: &crate::geometry::Shape| shape.motion.as_ref().map(|m| m.span(shape.pivot, time, seconds));
-        Self { shapes: geometry.shapes.iter().map(span).collect(), flow, seconds }
+        Self { shapes: geometry.shapes.iter().map(span).collect(), next_camera: None, flow, seconds }
     }
 
     /// What a path brings to the layer: how far what it met first moves on the picture [pixels], to the right and down, and
@@ -47,9 +49,15 @@ impl<'a> FrameMotion<'a> {
                 flow.map(|flow| carried(flow, path.place, self.seconds))
             }
         };
-        let Some(next) = next else { return Vec3::Z };
+        if next.is_none() && self.next_camera.is_none() {
+            return Vec3::Z;
+        }
+        let next = next.unwrap_or(path.place.0.as_dvec3());
         let from = camera.place(path.place.0.as_dvec3());
-        match from.zip(camera.place(next)).map(|(from, to)| camera.shorter(to - from).as_vec2()) {
+        match from
+            .zip(self.next_camera.as_ref().unwrap_or(camera).place(next))
+            .map(|(from, to)| camera.shorter(to - from).as_vec2())
+        {
             Some(way) if way.is_finite() => way.extend(1.0),
             _ => Vec3::ZERO,
         }

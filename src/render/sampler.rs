@@ -33,6 +33,8 @@ pub enum Dimension {
     Event,
     /// At the camera, the channel that decides in smoke with a tint (one number).
     Hero,
+    /// At the camera, when between opening and closing of the shutter a path sees what moves (one number).
+    Time,
     /// Choice of a light (one number) and of a point on it (two numbers).
     Light,
     /// Choice of a lamp near a flight (one number), of a distance (one number) and of a point on the lamp (two numbers).
@@ -171,6 +173,7 @@ impl Sampler {
                 Dimension::Event => 2 + bounce * 3,
                 Dimension::Light => 3 + bounce * 3,
                 Dimension::Distance => 4 + bounce * 3,
+                Dimension::Time => 2 + STRATIFIED_BOUNCES * 3,
             };
             scrambled_point(self.points, self.index, Seed(self.square.word(u64::from(set))))
         } else {

@@ -1,5 +1,6 @@
 //! A picture is cut into tiles, which threads take one by one; equal inputs give equal bits whatever their number.
 
+use crate::geometry::moment::{Carried, Moment, Shutter};
 use crate::math::hash::Seed;
 use crate::math::parallel;
 use crate::progress::Progress;
@@ -8,6 +9,7 @@ use crate::render::adaptive::Adaptive;
 use crate::render::camera::Camera;
 use crate::render::film::{Contribution, Film, PathCounts, Pixel, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
+use crate::render::from_scene::camera::CameraCourse;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
 use crate::render::media::Media;
@@ -18,6 +20,7 @@ use crate::render::sun_shadow::SunShadows;
 use crate::render::world::World;
 use glam::Vec2;
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
@@ -36,8 +39,10 @@ const FIRST_PASS: u32 = 4;
 /// How a picture is taken.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Where from.
+    /// Where from, at the frame's own time.
     pub camera: Camera,
+    /// What moves while the shutter is open, if anything does.
+    pub shutter: Option<Arc<ViewShutter>>,
     /// Size of the whole picture.
     pub resolution: [u32; 2],
     /// The part of it to render.
@@ -57,6 +62,15 @@ pub struct View {
     pub seed: Seed,
     /// Further layers to make.
     pub layers: Vec<Layer>,
+}
+
+/// What moves while the shutter is open.
+#[derive(Debug)]
+pub struct ViewShutter {
+    /// How shapes move, and when it is open.
+    pub shapes: Shutter,
+    /// How the camera moves, if it does.
+    pub camera: Option<CameraCourse>,
 }
 
 /// What paths are traced through, and how it moves where somebody wants to know.
@@ -99,7 +113,8 @@ pub fn render_media(
 ) -> Result<Film, RenderError> {
     let start = Instant::now();
     let sun_shadows = SunShadows::new(&world.lights, media.grids());
-    let integrator = Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits };
+    let integrator =
+        Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits, moment: Moment::default() };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let edge = if view.adaptive.is_some() { ADAPTIVE_TILE } else { TILE };
     let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(edge as usize).collect();
@@ -261,6 +276,8 @@ struct PixelPainter<'a> {
     looked_at_bounce: u64,
     /// The path at hand; kept, as it is large.
     contribution: Contribution,
+    /// Where shapes are for the path at hand.
+    carried: Vec<Option<Carried>>,
 }
 
 impl<'a> PixelPainter<'a> {
@@ -273,7 +290,19 @@ impl<'a> PixelPainter<'a> {
     ) -> Self {
         let looked_at_bounce = counts.bounces;
         let contribution = Contribution::new(view.layers.iter().any(Layer::tells_ways));
-        Self { x, y, view, traced, progress, counts, unsaid: 0, tells: true, looked_at_bounce, contribution }
+        Self {
+            x,
+            y,
+            view,
+            traced,
+            progress,
+            counts,
+            unsaid: 0,
+            tells: true,
+            looked_at_bounce,
+            contribution,
+            carried: Vec::new(),
+        }
     }
 
     /// Traces these paths; of the pixel no more will follow.
@@ -309,12 +338,26 @@ impl<'a> PixelPainter<'a> {
             }
             let mut sampler = pixel.sampler(sample);
             let u = sampler.numbers(Dimension::Film, 0);
-            let ray = view.camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
+            let moved_camera;
+            let (mut camera, mut integrator) = (&view.camera, self.traced.integrator);
+            if let Some(shutter) = &view.shutter {
+                let time = shutter.shapes.time(f64::from(sampler.numbers(Dimension::Time, 0)[0]));
+                integrator = integrator.at(shutter.shapes.at(time, &mut self.carried));
+                if let Some(course) = &shutter.camera {
+                    moved_camera = course.at(time)?;
+                    camera = &moved_camera;
+                }
+            }
+            let ray = camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
             let contribution = &mut self.contribution;
             contribution.clear();
-            self.traced.integrator.trace_into(contribution, ray, &mut sampler, self.counts);
+            integrator.trace_into(contribution, ray, &mut sampler, self.counts);
             contribution.null_collisions = sampler.stream().null_collisions;
             if let Some(motion) = self.traced.motion {
+                // Motion is that from the frame's own time on, wherever in the shutter a shape was seen.
+                if let Some(carried) = contribution.shape_idx.and_then(|shape| integrator.moment.of(shape)) {
+                    contribution.place = carried.back(contribution.place);
+                }
                 contribution.motion = motion.of_path(&view.camera, contribution);
             }
             if !contribution.radiance.is_finite() {

@@ -1,10 +1,11 @@
 //! Everything that light meets but smoke: surfaces, materials and lights, and which light is asked for a connection.
 
 use crate::geometry::embree::{Hit, Ray, TraceScene};
+use crate::geometry::moment::Moment;
 use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::choice::LightChoice;
 use crate::render::color::Rgb;
-use crate::render::light::Light;
+use crate::render::light::{Light, LightSample};
 use crate::render::light_path::OTHER_GROUP;
 use crate::render::material::{Material, Sight};
 
@@ -65,18 +66,18 @@ impl World {
         Self { surfaces, materials, lights, groups, met, lamps, light_of_shape, choice, asks_by_chance }
     }
 
-    /// The nearest surface that a ray of the camera meets.
+    /// The nearest surface that a ray of the camera meets at a moment.
     #[inline]
-    pub fn seen_by_camera(&self, ray: &Ray) -> Option<Hit> {
-        self.first_hit(ray, f32::INFINITY, |material| material.sight != Sight::Through)
+    pub fn seen_by_camera(&self, ray: &Ray, moment: Moment) -> Option<Hit> {
+        self.first_hit(ray, f32::INFINITY, moment, |material| material.sight != Sight::Through)
     }
 
     /// The nearest surface before `t_max` of a material that `stops` the ray; others are as if they were not there.
     #[inline]
-    fn first_hit(&self, ray: &Ray, t_max: f32, stops: impl Fn(&Material) -> bool) -> Option<Hit> {
+    fn first_hit(&self, ray: &Ray, t_max: f32, moment: Moment, stops: impl Fn(&Material) -> bool) -> Option<Hit> {
         let (mut start, mut passed) = (*ray, 0.0);
         for _ in 0..SURFACES_PASSED_MAX {
-            let mut hit = self.surfaces.intersect(&start, 0.0, t_max - passed)?;
+            let mut hit = self.surfaces.intersect_at(&start, 0.0, t_max - passed, moment)?;
             hit.t += passed;
             if stops(&self.materials[hit.shape_idx as usize]) {
                 return Some(hit);
@@ -88,8 +89,8 @@ impl World {
     }
 
     /// What would be in the way if there were lights and shadow catchers only: the nearest of the latter, before `t_max`.
-    pub fn nearest_catcher(&self, ray: &Ray, t_max: f32) -> Option<Hit> {
-        self.first_hit(ray, t_max, |material| material.sight == Sight::Shadow)
+    pub fn nearest_catcher(&self, ray: &Ray, t_max: f32, moment: Moment) -> Option<Hit> {
+        self.first_hit(ray, t_max, moment, |material| material.sight == Sight::Shadow)
     }
 
     /// The light chosen at a lit point by the uniform number `u`, and the probability of that.
@@ -129,18 +130,48 @@ impl World {
         hits.min_by(|a, b| a.t.total_cmp(&b.t))
     }
 
-    /// Which light the surface is that a ray from `from` hit, if it is one, and the density [1/sr] with which the light
-    /// itself would have been sampled here.
-    pub fn surface_light(&self, hit: &Hit, from: WorldPoint, direction: UnitVec3) -> Option<(usize, f32)> {
-        let i = (*self.light_of_shape.get(hit.shape_idx as usize)?)? as usize;
-        let Light::Surface(surface) = &self.lights[i] else { return None };
-        Some((i, surface.pdf(from, direction, hit.t, hit.normal)))
+    /// A direction from `from` towards light `i` at a moment, from two uniform numbers; `None` where no light comes from it.
+    #[inline]
+    pub fn sample_light(&self, i: usize, from: WorldPoint, u: [f32; 2], moment: Moment) -> Option<LightSample> {
+        let light = &self.lights[i];
+        if let Light::Surface(surface) = light
+            && let Some(carried) = moment.of(surface.shape_idx)
+        {
+            // Solid angles are the same in the space in which the shape is still at the frame's time.
+            let sample = surface.sample(carried.back(from), u)?;
+            let (direction, distance) = (carried.direction(sample.direction), sample.distance * carried.scale());
+            return Some(LightSample { direction, distance, ..sample });
+        }
+        light.sample(from, u)
     }
 
-    /// Whether a surface or a light other than number `target` is in the way.
+    /// Which light the surface is that a ray from `from` hit at a moment, if it is one, and the density [1/sr] with which the
+    /// light itself would have been sampled here.
+    pub fn surface_light(
+        &self,
+        hit: &Hit,
+        from: WorldPoint,
+        direction: UnitVec3,
+        moment: Moment,
+    ) -> Option<(usize, f32)> {
+        let i = (*self.light_of_shape.get(hit.shape_idx as usize)?)? as usize;
+        let Light::Surface(surface) = &self.lights[i] else { return None };
+        let pdf = match moment.of(hit.shape_idx) {
+            None => surface.pdf(from, direction, hit.t, hit.normal),
+            Some(carried) => surface.pdf(
+                carried.back(from),
+                carried.direction_back(direction),
+                hit.t / carried.scale(),
+                carried.direction_back(hit.normal),
+            ),
+        };
+        Some((i, pdf))
+    }
+
+    /// Whether a surface or a light other than number `target` is in the way at a moment.
     #[inline]
-    pub fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize) -> bool {
-        self.surfaces.is_occluded(ray, 0.0, t_max) || self.is_behind_light(ray, t_max, target)
+    pub fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize, moment: Moment) -> bool {
+        self.surfaces.is_occluded_at(ray, 0.0, t_max, moment) || self.is_behind_light(ray, t_max, target)
     }
 
     /// Whether a light other than number `target` is in the way.

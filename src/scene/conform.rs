@@ -6,9 +6,10 @@
 
 use crate::diagnostic::{Collector, Place, listed, nearest};
 use crate::schema::{
-    Variants, alternatives, decimal, expected, first_sentence, member_is_optional, required, resolve, stand_in,
-    type_name, variants,
+    KEY_OPTIONS, Variants, alternatives, decimal, expected, first_sentence, is_keyed, member_is_optional, required,
+    resolve, stand_in, type_name, variants,
 };
+use crate::settings::keyed::OPTIONS;
 use crate::tree::{Entry, Node, Value};
 use crate::unit::{advice, advice_for_share, linear_of_hex, unit_of};
 use serde_json::{Map as JsonMap, Value as Json, json};
@@ -18,6 +19,9 @@ use std::collections::HashMap;
 const MAGNITUDE_MAX: f64 = 1e12;
 /// Least positive length, time and so on. Its square is still far above the smallest f32.
 const POSITIVE_MIN: f64 = 1e-9;
+
+/// Largest number of a frame in a map of frames and values, either way.
+const FRAME_MAX: f64 = 1e7;
 
 /// Keys of other programs and what they are called here.
 const SYNONYMS: [(&str, &str); 10] = [
@@ -76,6 +80,73 @@ impl<'s> Walk<'s, '_, '_> {
     }
 
     fn value(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
+        if let Some(entries) = self.keys_of(node, schema) {
+            return self.keyed(entries, schema, at, path);
+        }
+        let faults = self.mended.len();
+        let value = self.unkeyed(node, schema, at, path);
+        let is_map = matches!(node.value, Value::Map(_)) && type_name(self.resolve(schema)) != "object";
+        if is_keyed(schema) && is_map && self.mended.len() > faults {
+            self.collector.help_latest("a value over time is a map of frames and values, as in `{1: .., 96: ..}`");
+        }
+        value
+    }
+
+    /// The entries of a map of frames and values, where one may be and this is not the value itself.
+    fn keys_of<'n>(&self, node: &'n Node, schema: &'s Json) -> Option<&'n [Entry]> {
+        let Value::Map(entries) = &node.value else { return None };
+        let properties = self.resolve(schema)["properties"].as_object();
+        let is_value = |entry: &Entry| properties.is_some_and(|p| p.contains_key(&entry.key));
+        let tells_frames = |entry: &Entry| frame_of(&entry.key).is_some() || OPTIONS.contains(&entry.key.as_str());
+        let is_keys = match properties {
+            // Of what is itself a map, one of its own keys tells that it is the value.
+            Some(_) => entries.iter().any(tells_frames) && !entries.iter().any(is_value),
+            None => entries.is_empty() || entries.iter().any(tells_frames),
+        };
+        (is_keyed(schema) && is_keys).then_some(entries)
+    }
+
+    /// A map of frames and values.
+    fn keyed(&mut self, entries: &[Entry], schema: &'s Json, at: Place, path: &str) -> Json {
+        let mut keys: Vec<(f64, Json)> = Vec::new();
+        let mut options = JsonMap::new();
+        for entry in entries {
+            if self.collector.is_full() {
+                break;
+            }
+            let key_path = join(path, &entry.key);
+            if OPTIONS.contains(&entry.key.as_str()) {
+                let member = &self.root[KEY_OPTIONS][&entry.key];
+                options.insert(entry.key.clone(), self.unkeyed(&entry.node, member, entry.place(), &key_path));
+                continue;
+            }
+            let Some(frame) = frame_of(&entry.key) else {
+                let message = format!("`{}` is no frame", short(&entry.key));
+                let diagnostic = self.collector.error(entry.key_place, &key_path, message);
+                diagnostic.help("a value over time is a map of frames and values, as in `{1: .., 96: ..}`");
+                diagnostic.help(format!("besides frames are allowed here: {}", listed(OPTIONS)));
+                self.mended.push(path.into());
+                continue;
+            };
+            if keys.iter().any(|(known, _)| *known == frame) {
+                self.collector.error(entry.key_place, &key_path, format!("frame {} is given twice", decimal(frame)));
+                self.mended.push(path.into());
+                continue;
+            }
+            keys.push((frame, self.unkeyed(&entry.node, schema, entry.place(), &key_path)));
+        }
+        if keys.is_empty() {
+            let message = "there is no frame in this map".into();
+            let help = Some("write a value, or values at frames as in `{1: .., 96: ..}`".into());
+            return self.wrong(at, path, message, help, schema);
+        }
+        // Keys may stand in any order.
+        keys.sort_by(|a, b| a.0.total_cmp(&b.0));
+        options.insert("keys".into(), json!(keys));
+        Json::Object(options)
+    }
+
+    fn unkeyed(&mut self, node: &Node, schema: &'s Json, at: Place, path: &str) -> Json {
         let schema = self.resolve(schema);
         if let Some(choices) = alternatives(schema) {
             let is_option = choices.iter().any(|choice| choice["type"] == "null");
@@ -398,6 +469,11 @@ impl<'s> Walk<'s, '_, '_> {
     fn stand_in(&self, schema: &'s Json) -> Json {
         stand_in(self.root, schema, 0)
     }
+}
+
+/// The frame that a key of a map of frames and values stands for.
+fn frame_of(key: &str) -> Option<f64> {
+    key.trim().parse::<f64>().ok().filter(|frame| frame.abs() <= FRAME_MAX)
 }
 
 /// Keys with which other programs name the kind of a thing.

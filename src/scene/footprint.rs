@@ -4,7 +4,9 @@ use crate::settings::{Advect, Emitter, Frames, Settings};
 
 /// Memory of a particle that is held [bytes]: 32 on its way (8 more along tracks) and 44 at the frame, in arrays that grow and so
 /// may be half empty.
-pub const PARTICLE_BYTES: f64 = 128.0;
+const PARTICLE_BYTES: f64 = 128.0;
+/// The same for how its way bends while a shutter is open [bytes]: 24 of the particle, and 60 while they are found.
+const BEND_BYTES: f64 = 84.0;
 /// Memory of a pixel without further layers when it is most [bytes]: 28 in tiles and as much again where they are put
 /// together.
 const PIXEL_BYTES: f64 = 64.0;
@@ -21,6 +23,11 @@ pub fn film_bytes(settings: &Settings) -> f64 {
     // Sums of all pixels wait for the next pass, in double precision and with the shapes that each has met.
     let sums = if settings.film.time_limit.is_some() { 4.0 * PIXEL_BYTES + 24.0 * channels as f64 } else { 0.0 };
     pixels * (PIXEL_BYTES + LAYER_BYTES * channels as f64 + sums)
+}
+
+/// Memory of a particle that is held [bytes].
+pub fn particle_bytes(frames: &Frames) -> f64 {
+    PARTICLE_BYTES + if frames.shutter != [0.0; 2] { BEND_BYTES } else { 0.0 }
 }
 
 /// Most particles that are held at once, of `count` that are alive.

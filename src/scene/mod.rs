@@ -169,7 +169,7 @@ impl Scene {
         for (index, (key, value)) in overrides.iter().enumerate() {
             apply_override(&mut tree, key, value, index + 1, &mut collector);
         }
-        let conformed = conform(&tree, &schema_json(), &mut collector);
+        let conformed = conform(&tree, &marked_schema(), &mut collector);
         let settings = match serde_json::from_value::<Settings>(conformed.settings) {
             Ok(settings) => settings,
             Err(error) => {
@@ -228,7 +228,23 @@ impl std::fmt::Display for PlaceInScene {
 
 /// The JSON Schema of scene files, for editors.
 pub fn schema_json() -> serde_json::Value {
-    schemars::schema_for!(Settings).to_value()
+    let mut schema = marked_schema();
+    let interpolation = schema["$defs"]["Interpolation"].clone();
+    if let Some(members) = schema.as_object_mut() {
+        members.remove(schema::KEY_OPTIONS);
+    }
+    schema::spell_out_keys(&mut schema, &interpolation);
+    schema
+}
+
+/// The schema as scenes are held against it: values that may be given for several frames are marked.
+pub(crate) fn marked_schema() -> serde_json::Value {
+    let mut schema = schemars::schema_for!(Settings).to_value();
+    schema[schema::KEY_OPTIONS] = serde_json::json!({
+        "interpolation": { "$ref": "#/$defs/Interpolation" },
+        "repeat": { "type": "boolean" },
+    });
+    schema
 }
 
 /// A file that a scene names, from the folder of the scene if it is relative.

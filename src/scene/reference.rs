@@ -1,7 +1,7 @@
 //! The reference of all keys of a scene file, written from the schema, so that it cannot disagree with the program.
 
-use crate::schema::{alternatives, decimal, required, resolve, type_name};
-use crate::schema_json;
+use crate::marked_schema;
+use crate::schema::{alternatives, decimal, is_keyed, required, resolve, type_name};
 use serde_json::{Map, Value as Json};
 
 /// The source of the schema, for the one thing that the schema does not keep: the order of keys.
@@ -18,7 +18,7 @@ const SETTINGS_SOURCE: &str = concat!(
 /// A Markdown section for each kind of map in a scene file, the file itself first: its keys with type, range, default,
 /// unit and meaning.
 pub fn reference_markdown() -> String {
-    let root = schema_json();
+    let root = marked_schema();
     let mut writer = Writer { root: &root, text: String::new(), seen: Vec::new() };
     writer.section("Settings", &root);
     writer.text
@@ -115,12 +115,17 @@ impl<'s> Writer<'s> {
 
     /// What may stand behind a key.
     fn value(&self, schema: &Json) -> String {
+        let value = self.one_value(schema);
+        if is_keyed(schema) { format!("{value}, [keyed](#values-over-time)") } else { value }
+    }
+
+    fn one_value(&self, schema: &Json) -> String {
         if let Some(name) = schema["$ref"].as_str().and_then(|r| r.strip_prefix("#/$defs/")) {
             return format!("[{name}](#{})", name.to_lowercase());
         }
         if let Some(choices) = alternatives(schema) {
             let choices = choices.iter().filter(|choice| choice["type"] != "null");
-            return choices.map(|choice| self.value(choice)).collect::<Vec<_>>().join(" or ");
+            return choices.map(|choice| self.one_value(choice)).collect::<Vec<_>>().join(" or ");
         }
         let items = &schema["items"];
         match type_name(schema) {
@@ -249,14 +254,14 @@ mod tests {
             }
         }
         let mut checked = 0;
-        visit(&schema_json(), "", &mut checked);
+        visit(&marked_schema(), "", &mut checked);
         assert!(checked > 25, "only {checked} defaults are documented");
     }
 
     #[test]
     fn every_key_of_the_schema_is_there() {
         let text = reference_markdown();
-        let schema = schema_json();
+        let schema = marked_schema();
         for (name, definition) in schema["$defs"].as_object().unwrap() {
             assert!(text.contains(&format!("\n### {name}\n")), "{name}");
             for key in definition["properties"].as_object().into_iter().flatten().map(|(key, _)| key) {

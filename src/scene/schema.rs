@@ -1,7 +1,11 @@
 //! Reads the JSON Schema that schemars makes of `settings.rs`: structs, externally tagged enums, options, lists, maps.
 
 use crate::diagnostic::listed;
+use crate::settings::keyed::MARK;
 use serde_json::{Value as Json, json};
+
+/// Where the schema keeps what a map of frames and values may hold besides.
+pub const KEY_OPTIONS: &str = "x-keyed-options";
 
 /// The alternatives of an enum.
 pub struct Variants<'s> {
@@ -11,6 +15,38 @@ pub struct Variants<'s> {
     pub maps: Vec<(&'s str, &'s Json)>,
     /// Alternatives without a name.
     pub others: Vec<&'s Json>,
+}
+
+/// Whether a value may be given for several frames.
+pub fn is_keyed(schema: &Json) -> bool {
+    let marked = |schema: &Json| schema[MARK].as_bool() == Some(true);
+    marked(schema) || schema["anyOf"].as_array().is_some_and(|choices| choices.iter().any(marked))
+}
+
+/// Says in JSON Schema's own words what the mark of keyed values means: the value, or a map of frames and values.
+pub fn spell_out_keys(schema: &mut Json, interpolation: &Json) {
+    match schema {
+        Json::Array(items) => items.iter_mut().for_each(|item| spell_out_keys(item, interpolation)),
+        Json::Object(members) => {
+            members.values_mut().for_each(|member| spell_out_keys(member, interpolation));
+            if members.remove(MARK).is_some() {
+                let mut outer = serde_json::Map::new();
+                for name in ["description", "default"] {
+                    outer.extend(members.remove(name).map(|value| (name.to_owned(), value)));
+                }
+                let value = Json::Object(std::mem::take(members));
+                let map = json!({
+                    "type": "object",
+                    "properties": { "interpolation": interpolation, "repeat": { "type": "boolean" } },
+                    "patternProperties": { r"^-?[0-9]+(\.[0-9]+)?$": value },
+                    "additionalProperties": false,
+                });
+                outer.insert("anyOf".into(), json!([value, map]));
+                *members = outer;
+            }
+        }
+        _ => {}
+    }
 }
 
 /// Follows a reference to the definitions.

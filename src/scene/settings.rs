@@ -4,6 +4,7 @@
 //! `curlsmoke schema` prints and against which every scene is checked. Variants are maps with a single key.
 
 pub mod flow;
+pub mod keyed;
 pub mod lights;
 pub mod materials;
 pub mod output;
@@ -12,6 +13,7 @@ pub mod smoke;
 pub mod volumes;
 
 pub use flow::*;
+pub use keyed::{KeyMap, Keyed};
 pub use lights::*;
 pub use materials::*;
 pub use output::*;
@@ -94,8 +96,8 @@ pub struct Frames {
     #[schemars(range(min = 0.001, max = 10000.0))]
     pub fps: f64,
     /// Opening and closing of the shutter, in frames relative to the frame. Default [0, 0]: no motion blur. Smoke is
-    /// smeared straight along the velocity it has at the frame; the camera stands still, and solids, even those that move,
-    /// are sharp where they are at the frame.
+    /// smeared along the ways of its particles; each path of light sees camera and solids where they are at a time of its
+    /// own. Lights are as they are at the frame, but for shapes that shine.
     pub shutter: [f64; 2],
 }
 
@@ -110,16 +112,16 @@ impl Default for Frames {
 #[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Where the camera stands [m].
-    pub position: Vec3,
+    pub position: Keyed<Vec3>,
     /// The point in the middle of the picture [m].
-    pub look_at: Vec3,
+    pub look_at: Keyed<Vec3>,
     /// Which way is up in the picture. Default [0, 1, 0].
-    #[serde(default = "up")]
-    pub up: Vec3,
+    #[serde(default = "still_up")]
+    pub up: Keyed<Vec3>,
     /// Angle between the lower and the upper edge of the picture [degrees]; of `perspective` only. Default 35.
     #[serde(default = "vertical_fov")]
     #[schemars(range(min = 0.01, max = 175.0))]
-    pub vertical_fov_deg: f64,
+    pub vertical_fov_deg: Keyed<f64>,
     /// How the world comes onto the film. Default perspective.
     #[serde(default, skip_serializing_if = "CameraProjection::is_perspective")]
     pub projection: CameraProjection,
@@ -129,9 +131,10 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Distance from the camera to where it looks [m].
+    /// Distance from the camera to where it looks at the first key [m].
     pub fn distance(&self) -> f64 {
-        (0..3).map(|i| (self.look_at[i] - self.position[i]).powi(2)).sum::<f64>().sqrt()
+        let (from, to) = (self.position.first(), self.look_at.first());
+        (0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>().sqrt()
     }
 }
 
@@ -161,24 +164,28 @@ impl CameraProjection {
 }
 
 /// A thin lens.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Lens {
     /// Radius of its opening [m]: the focal length over twice the f-number. 0.009 is a lens of 50 mm at f/2.8.
     #[schemars(range(min = 0.0, max = 1e6))]
-    pub radius: f64,
+    pub radius: Keyed<f64>,
     /// Distance along the view of what is sharp [m]. Default the distance of `look_at`.
     #[serde(default)]
     #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0.0))]
-    pub focus_distance: Option<f64>,
+    pub focus_distance: Option<Keyed<f64>>,
 }
 
 fn up() -> Vec3 {
     [0.0, 1.0, 0.0]
 }
 
-fn vertical_fov() -> f64 {
-    35.0
+fn still_up() -> Keyed<Vec3> {
+    up().into()
+}
+
+fn vertical_fov() -> Keyed<f64> {
+    35.0.into()
 }
 
 /// Size and sampling of the picture.

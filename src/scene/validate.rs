@@ -5,8 +5,8 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Light, Mask, Output, Part, Potential,
-    Settings, Shape, Smoke, Sun, Torus, Vec3, Volume,
+    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Interpolation, Keyed, Light, Mask, Output,
+    Part, Potential, RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform, Vec3, Volume,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -68,6 +68,25 @@ pub(crate) fn difference(a: Vec3, b: Vec3) -> Vec3 {
 
 fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// Whether a turn that repeats ends as it begins, but for whole rounds.
+fn goes_round(turn: &Keyed<Rotation>) -> bool {
+    let (first, last) = (turn.first(), turn.last());
+    let rounds = (last.angle - first.angle) / 360.0;
+    let is_same_axis = first.angle == 0.0 || (is_parallel(first.axis, last.axis) && dot(first.axis, last.axis) > 0.0);
+    turn.interpolation() != Interpolation::Step && is_same_axis && (rounds - rounds.round()).abs() < 1e-9
+}
+
+/// Whether the last of some quaternions is the same turn as the first.
+fn is_same_turn(turn: &Keyed<[f64; 4]>) -> bool {
+    let (a, b) = (turn.first(), turn.last());
+    let dot = |a: &[f64; 4], b: &[f64; 4]| (0..4).map(|i| a[i] * b[i]).sum::<f64>();
+    turn.interpolation() != Interpolation::Step && dot(a, b).powi(2) >= (1.0 - 1e-12) * dot(a, a) * dot(b, b)
+}
+
+fn dot(a: Vec3, b: Vec3) -> f64 {
+    (0..3).map(|i| a[i] * b[i]).sum()
 }
 
 /// Whether two directions are parallel to within what an f32 can tell.
@@ -143,22 +162,27 @@ impl<'s> Check<'s, '_, '_> {
     }
 
     fn camera(&mut self, camera: &Camera) {
+        if camera.lens.is_some() && camera.projection == CameraProjection::LatLong {
+            let help = "remove `lens`, or take another projection";
+            self.error_help("camera.lens", "camera", "a camera that sees all directions has no lens", help);
+        }
         // Light is traced in single precision, in which the points may be the same.
-        let single = |v: Vec3| v.map(|x| f64::from(x as f32));
-        let view = difference(single(camera.look_at), single(camera.position));
+        let single = |v: &Vec3| v.map(|x| f64::from(x as f32));
+        for up in camera.up.values() {
+            self.direction("camera.up", *up);
+        }
+        // Where some move, what is between keys is checked for each frame that is made.
+        if camera.position.varies() || camera.look_at.varies() || camera.up.varies() {
+            return;
+        }
+        let view = difference(single(camera.look_at.first()), single(camera.position.first()));
         if length(view) < 1e-9 {
             self.error("camera.look_at", "camera", "the camera looks at the point where it stands");
             return;
         }
-        if length(camera.up) < 1e-9 {
-            self.direction("camera.up", camera.up);
-        } else if is_parallel(view, camera.up) {
+        if is_parallel(view, *camera.up.first()) {
             let message = "`up` is parallel to the direction of view";
             self.error_help("camera.up", "camera", message, "looking straight up or down, take `up: [0, 0, -1]`");
-        }
-        if camera.lens.is_some() && camera.projection == CameraProjection::LatLong {
-            let help = "remove `lens`, or take another projection";
-            self.error_help("camera.lens", "camera", "a camera that sees all directions has no lens", help);
         }
     }
 
@@ -253,14 +277,24 @@ impl<'s> Check<'s, '_, '_> {
             }
         }
         if let Some(mesh) = &shape.mesh {
-            self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply"]);
+            self.file(&format!("{key}.mesh.file"), &mesh.file, &["obj", "ply", "glb", "gltf"]);
+            let is_gltf = [".glb", ".gltf"].iter().any(|ending| mesh.file.to_lowercase().ends_with(ending));
+            if mesh.node.is_some() && !is_gltf {
+                let message = "`node` is of .glb and .gltf files; others have no nodes";
+                self.error(&format!("{key}.mesh.node"), &format!("{key}.mesh"), message);
+            }
+            if is_gltf && shape.motion.is_some() {
+                let help = "move it by keys of `transform`, which go with the animation of the file";
+                self.error_help(&format!("{key}.motion"), key, "glTF shapes have no `motion` besides", help);
+            }
         }
         self.material(&format!("{key}.material"), &shape.material);
         self.sight(key, shape);
         if let Some(flow) = &shape.surface_flow {
             self.surface_flow(&format!("{key}.surface_flow"), flow, shape.plane.is_some());
         }
-        self.direction(&format!("{key}.transform.rotate_deg.axis"), shape.transform.rotate_deg.axis);
+        self.transform(key, &shape.transform);
+        self.moving_transform(key, shape);
         if let Some(motion) = &shape.motion {
             self.motion(&format!("{key}.motion"), motion, shape.plane.is_some());
         }
@@ -275,7 +309,70 @@ impl<'s> Check<'s, '_, '_> {
         ];
         self.exactly_one(key, &given);
         self.solids(key, part.cuboid.as_ref(), part.capsule.as_ref(), part.torus.as_ref());
-        self.direction(&format!("{key}.transform.rotate_deg.axis"), part.transform.rotate_deg.axis);
+        self.transform(key, &part.transform);
+        if part.transform.varies() {
+            let key = format!("{key}.transform");
+            self.error_help(&key, &key, "a part does not move by itself", "give keys to the shape's own `transform`");
+        }
+    }
+
+    fn transform(&mut self, key: &str, transform: &Transform) {
+        let key = format!("{key}.transform");
+        for turn in transform.rotate_deg.values() {
+            self.direction(&format!("{key}.rotate_deg.axis"), turn.axis);
+        }
+        let Some(quaternion) = &transform.quaternion else { return };
+        let key_quaternion = format!("{key}.quaternion");
+        if quaternion.values().any(|q| q.iter().map(|x| x * x).sum::<f64>() < 1e-18) {
+            let help = "write x, y, z, w; no turn is `[0, 0, 0, 1]`";
+            self.error_help(&key_quaternion, &key_quaternion, "a quaternion of length 0 is no turn", help);
+        }
+        if transform.rotate_deg != Rotation::default().into() {
+            let message = "`rotate_deg` is given already; at most one of `rotate_deg`, `quaternion` is allowed";
+            self.error(&key_quaternion, &key, message);
+        }
+    }
+
+    /// A transform with keys: what moves so, and what it may not do.
+    fn moving_transform(&mut self, key: &str, shape: &Shape) {
+        let transform = &shape.transform;
+        if !transform.varies() {
+            return;
+        }
+        let key_transform = format!("{key}.transform");
+        if shape.plane.is_some() {
+            let help = "take a `box`, whose face is as flat";
+            self.error_help(&key_transform, key, "a plane cannot move", help);
+        }
+        if shape.motion.is_some() {
+            let help = "put all of it into the keys of `transform`";
+            self.error_help(&format!("{key}.motion"), key, "the shape moves by its `transform` already", help);
+        }
+        let name = key.strip_prefix("shapes.").unwrap_or_default();
+        if !self.carries_something(name) {
+            return;
+        }
+        let scope = "a shape that guides the flow, holds a volume or lets particles start";
+        if transform.scale.varies() {
+            let key = format!("{key_transform}.scale");
+            self.error_help(&key, &key, format!("{scope} cannot grow"), "give one value for all frames");
+        }
+        let jumps = [
+            ("translate", transform.translate.jumps()),
+            ("rotate_deg", transform.rotate_deg.jumps() && !goes_round(&transform.rotate_deg)),
+            ("quaternion", transform.quaternion.as_ref().is_some_and(|q| q.jumps() && !is_same_turn(q))),
+        ];
+        for (name, _) in jumps.into_iter().filter(|(_, jumps)| *jumps) {
+            let key = format!("{key_transform}.{name}");
+            let help = "take `linear` or `ease`; what repeats must end as it begins";
+            self.error_help(&key, &key, format!("{scope} cannot jump: its speed would be infinite"), help);
+        }
+    }
+
+    /// Whether more than light minds how a shape moves.
+    pub(crate) fn carries_something(&self, name: &str) -> bool {
+        let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_deref() == Some(name));
+        self.guides_flow(name) || self.is_emitter(name) || is_filled
     }
 
     /// Solids whose numbers must fit each other.
@@ -402,36 +499,30 @@ impl<'s> Check<'s, '_, '_> {
         let mut is_dark = !lights.is_empty() && !glows;
         for (index, light) in lights.iter().enumerate() {
             let key = format!("lights[{index}]");
-            let power = match light {
+            let black = |light: &Keyed<Rgb>| light.values().all(|power| *power == [0.0; 3]);
+            is_dark &= match light {
                 Light::Sun(sun) => {
                     self.sun(&format!("{key}.sun"), sun);
-                    sun.irradiance
+                    black(&sun.irradiance)
                 }
-                Light::Environment(environment) => self.environment(&format!("{key}.environment"), environment),
+                Light::Environment(environment) => {
+                    self.environment(&format!("{key}.environment"), environment) == [0.0; 3]
+                }
                 Light::Rectangle(rectangle) => {
-                    let key = format!("{key}.rectangle");
-                    let sizes = [rectangle.half_u, rectangle.half_v].map(length);
-                    if is_parallel(rectangle.half_u, rectangle.half_v) {
-                        let message = "`half_u` and `half_v` are parallel, so that the rectangle has no area";
-                        self.error(&format!("{key}.half_v"), &key, message);
-                    } else if let Some(i) = sizes.iter().position(|size| !(1e-6..=1e6).contains(size)) {
-                        let message = "half an edge must be between 1e-6 and 1e6 m long";
-                        self.error(&format!("{key}.half_{}", ["u", "v"][i]), &key, message);
-                    }
-                    rectangle.radiance
+                    self.rectangle(&format!("{key}.rectangle"), rectangle);
+                    black(&rectangle.radiance)
                 }
                 Light::Disk(disk) => {
-                    self.direction(&format!("{key}.disk.normal"), disk.normal);
-                    disk.radiance
+                    self.directions(&format!("{key}.disk.normal"), &disk.normal);
+                    black(&disk.radiance)
                 }
-                Light::Sphere(sphere) => sphere.radiance,
+                Light::Sphere(sphere) => black(&sphere.radiance),
                 Light::Spot(spot) => {
-                    self.direction(&format!("{key}.spot.direction"), spot.direction);
-                    spot.intensity
+                    self.directions(&format!("{key}.spot.direction"), &spot.direction);
+                    black(&spot.intensity)
                 }
-                Light::Point(point) => point.intensity,
+                Light::Point(point) => black(&point.intensity),
             };
-            is_dark &= power == [0.0; 3];
         }
         self.light_groups();
         if is_dark {
@@ -461,8 +552,35 @@ impl<'s> Check<'s, '_, '_> {
         }
     }
 
+    fn rectangle(&mut self, key: &str, rectangle: &RectangleLight) {
+        let edges = [&rectangle.half_u, &rectangle.half_v];
+        // Edges that do not turn are compared; what is between keys is checked for each frame that is made.
+        let is_flat = edges.iter().all(|edge| !edge.varies()) && is_parallel(*edges[0].first(), *edges[1].first());
+        let is_odd = |edge: &&Keyed<Vec3>| edge.values().any(|half| !(1e-6..=1e6).contains(&length(*half)));
+        if is_flat {
+            let message = "`half_u` and `half_v` are parallel, so that the rectangle has no area";
+            self.error(&format!("{key}.half_v"), key, message);
+        } else if let Some(i) = edges.iter().position(is_odd) {
+            let message = "half an edge must be between 1e-6 and 1e6 m long";
+            self.error(&format!("{key}.half_{}", ["u", "v"][i]), key, message);
+        }
+    }
+
+    /// Directions over time: none of length 0, and none opposite to the next, between which there would be one.
+    fn directions(&mut self, key: &str, directions: &Keyed<Vec3>) {
+        let values: Vec<Vec3> = directions.values().copied().collect();
+        for direction in &values {
+            self.direction(key, *direction);
+        }
+        let is_opposite = |pair: &[Vec3]| is_parallel(pair[0], pair[1]) && dot(pair[0], pair[1]) < 0.0;
+        if directions.interpolation() != Interpolation::Step && values.windows(2).any(is_opposite) {
+            let message = "a direction turns into its opposite, through one of length 0";
+            self.error_help(key, key, message, "put a key in between that says which way it turns");
+        }
+    }
+
     fn sun(&mut self, key: &str, sun: &Sun) {
-        self.direction(&format!("{key}.direction"), sun.direction);
+        self.directions(&format!("{key}.direction"), &sun.direction);
         let diameter = sun.angular_diameter_deg;
         let diameter_key = format!("{key}.angular_diameter_deg");
         if diameter > 0.0 && diameter < SUN_DIAMETER_MIN {

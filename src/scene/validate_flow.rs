@@ -1,7 +1,7 @@
 //! What a schema cannot say about the flow and about shapes that move.
 
 use crate::schema::decimal;
-use crate::settings::{Dfvn, Mask, Motion, Noise, NoiseForm, Part, Potential, Shape, Vec3, VortexCurve};
+use crate::settings::{Dfvn, Interpolation, Mask, Motion, Noise, NoiseForm, Part, Potential, Shape, Vec3, VortexCurve};
 use crate::validate::{Check, difference, is_parallel, length};
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ fn depth(shape: &Shape) -> Option<f64> {
         .or(shape.capsule.as_ref().map(|capsule| capsule.radius))
         .or(shape.torus.as_ref().map(|torus| torus.minor_radius))
         .or(shape.smooth_union.as_ref().map(|union| union.parts.iter().map(part_depth).fold(f64::INFINITY, f64::min)));
-    own.map(|depth: f64| depth * shape.transform.scale)
+    own.map(|depth: f64| depth * shape.transform.scale.first())
 }
 
 /// The same of a part of a union; a box has no place there.
@@ -28,7 +28,7 @@ fn part_depth(part: &Part) -> f64 {
         .or(part.sphere.as_ref().map(|sphere| sphere.radius))
         .or(part.capsule.as_ref().map(|capsule| capsule.radius))
         .or(part.torus.as_ref().map(|torus| torus.minor_radius));
-    own.map_or(f64::INFINITY, |depth: f64| depth * part.transform.scale)
+    own.map_or(f64::INFINITY, |depth: f64| depth * part.transform.scale.first())
 }
 
 impl Check<'_, '_, '_> {
@@ -339,6 +339,11 @@ impl Check<'_, '_, '_> {
                 let path = format!("{key}.keys[{}].time", i + 1);
                 self.error(&path, key, format!("times must rise, found {now} after {before}"));
             }
+        }
+        let name = key.strip_prefix("shapes.").and_then(|key| key.strip_suffix(".motion")).unwrap_or_default();
+        if motion.interpolation == Interpolation::Step && self.carries_something(name) {
+            let message = "a shape that guides the flow, holds a volume or lets particles start cannot jump";
+            self.error_help(&format!("{key}.interpolation"), key, message, "take `linear` or `ease`");
         }
         for (i, pose) in motion.keys.iter().enumerate() {
             self.direction(&format!("{key}.keys[{i}].rotate_deg.axis"), pose.rotate_deg.axis);

@@ -121,7 +121,7 @@ impl Check<'_, '_, '_> {
         let camera = &self.settings.camera;
         let height = match camera.projection {
             CameraProjection::Perspective => {
-                2.0 * camera.distance() * (camera.vertical_fov_deg.to_radians() / 2.0).tan()
+                2.0 * camera.distance() * (camera.vertical_fov_deg.first().to_radians() / 2.0).tan()
             }
             CameraProjection::Orthographic { height } => height,
             CameraProjection::LatLong => 2.0 * camera.distance(),
@@ -241,6 +241,10 @@ impl Check<'_, '_, '_> {
             let message = "`emission_gain` has no effect without `emission`, the name of a grid";
             self.error(&format!("{key}.emission_gain"), key, message);
         }
+        if file.velocity.is_none() && !file.velocity_units.is_second() {
+            let message = "`velocity_units` has no effect without `velocity`, the name of a grid";
+            self.error(&format!("{key}.velocity_units"), key, message);
+        }
         let key = &format!("{key}.path");
         let Some(pattern) = self.pattern(key, &file.path, "vdb") else { return };
         let frames = &self.settings.frames;
@@ -293,7 +297,7 @@ impl Check<'_, '_, '_> {
         }
         let counts: Vec<f64> = smoke.emitters.iter().map(|e| footprint::live_count(e, &self.settings.frames)).collect();
         let total: f64 = counts.iter().sum();
-        let bytes = footprint::held_count(total, &smoke.advect) * footprint::PARTICLE_BYTES;
+        let bytes = footprint::held_count(total, &smoke.advect) * footprint::particle_bytes(&self.settings.frames);
         if bytes > limit {
             // The greatest emitter is the one to change.
             let largest = (0..counts.len()).max_by(|&a, &b| counts[a].total_cmp(&counts[b])).unwrap_or(0);

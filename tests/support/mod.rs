@@ -108,7 +108,8 @@ fn estimate_media(
     const BLOCK: usize = 4096;
     let view = render::build_view(&stage.scene, 1, None);
     let sun_shadows = &SunShadows::new(&stage.world.lights, media.grids());
-    let integrator = Integrator { world: &stage.world, media, sun_shadows, limits: view.limits };
+    let integrator =
+        Integrator { world: &stage.world, media, sun_shadows, limits: view.limits, moment: Default::default() };
     let blocks = count.div_ceil(BLOCK);
     let means: Vec<DVec3> = (0..blocks)
         .into_par_iter()

@@ -12,6 +12,7 @@ pub use sys::LoadError;
 
 use crate::geometry::closed::Closed;
 use crate::geometry::mesh::Mesh;
+use crate::geometry::moment::Moment;
 use crate::geometry::trace::Solid;
 use crate::geometry::triangle::closest_point;
 use crate::math::aabb::Aabb;
@@ -94,6 +95,22 @@ impl Hit {
     pub fn offset_origin(&self, direction: UnitVec3) -> WorldPoint {
         let n = self.normal.as_vec3();
         self.position + n * self.error.copysign(n.dot(*direction))
+    }
+}
+
+impl Hit {
+    /// The same hit of a body that was moved and made `scale` times larger.
+    #[inline]
+    pub(in crate::geometry) fn moved(
+        &self,
+        t: f32,
+        position: WorldPoint,
+        [normal, shading_normal]: [UnitVec3; 2],
+        scale: f32,
+    ) -> Self {
+        // Far from the origin at either place, coordinates are rounded.
+        let error = (self.error * scale).max(OFFSET_ROUNDINGS * f32::EPSILON * (position.0.abs().max_element() + t));
+        Self { t, position, normal, shading_normal, shape_idx: self.shape_idx, error }
     }
 }
 
@@ -198,7 +215,17 @@ pub struct SceneBuilder {
     /// Nothing to hit needs no library.
     scene: Option<Scene>,
     outside: Vec<Outside>,
+    moving: Vec<Moving>,
     bounds: Aabb,
+}
+
+/// A shape that is elsewhere at other moments.
+struct Moving {
+    shape_idx: u32,
+    /// The shape alone, at the frame's own time.
+    alone: TraceScene,
+    /// A box round all places that it takes.
+    swept: Aabb,
 }
 
 impl Default for SceneBuilder {
@@ -210,7 +237,7 @@ impl Default for SceneBuilder {
 impl SceneBuilder {
     /// An empty scene.
     pub fn new() -> Self {
-        Self { scene: None, outside: Vec::new(), bounds: Aabb::EMPTY }
+        Self { scene: None, outside: Vec::new(), moving: Vec::new(), bounds: Aabb::EMPTY }
     }
 
     /// Adds triangles that hits report as shape `shape_idx`.
@@ -273,6 +300,13 @@ impl SceneBuilder {
         scene.device.check("storing a solid")
     }
 
+    /// Adds shape `shape_idx`, which moves within the box `swept`; `alone` is the shape at the frame's own time. Such shapes are
+    /// asked one after the other, those whose box a ray meets.
+    pub fn add_moving(&mut self, alone: TraceScene, shape_idx: u32, swept: Aabb) {
+        self.bounds = self.bounds.union(&swept);
+        self.moving.push(Moving { shape_idx, alone, swept });
+    }
+
     /// Builds the tree over everything added.
     ///
     /// # Errors
@@ -283,7 +317,7 @@ impl SceneBuilder {
             unsafe { (scene.functions.commit_scene)(scene.handle) };
             scene.device.check("building the tree")?;
         }
-        Ok(TraceScene { scene: self.scene, outside: self.outside, bounds: self.bounds })
+        Ok(TraceScene { scene: self.scene, outside: self.outside, moving: self.moving, bounds: self.bounds })
     }
 
     fn scene(&mut self) -> Result<&mut Scene, EmbreeError> {
@@ -335,10 +369,18 @@ impl Outside {
     }
 }
 
+impl Moving {
+    #[inline]
+    fn is_near(&self, ray: &Ray, t_min: f32, t_max: f32) -> bool {
+        self.swept.ray_interval(ray.origin.0, ray.direction.as_vec3(), t_min, t_max).is_some()
+    }
+}
+
 /// A scene that rays can be sent through. Finds the same hits whatever thread asks.
 pub struct TraceScene {
     scene: Option<Scene>,
     outside: Vec<Outside>,
+    moving: Vec<Moving>,
     bounds: Aabb,
 }
 
@@ -347,6 +389,57 @@ impl TraceScene {
     pub fn has_meshes(&self) -> bool {
         let is_mesh = |part: &(u32, Part)| matches!(part.1, Part::Triangles(_));
         self.scene.as_ref().is_some_and(|scene| scene.parts.iter().any(is_mesh))
+            || self.moving.iter().any(|moving| moving.alone.has_meshes())
+    }
+
+    /// As [`TraceScene::intersect`], of shapes where they are at a moment.
+    #[inline]
+    pub fn intersect_at(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> Option<Hit> {
+        let nearest = self.intersect(ray, t_min, t_max);
+        if self.moving.is_empty() { nearest } else { self.intersect_moving(ray, t_min, t_max, moment, nearest) }
+    }
+
+    #[inline(never)]
+    fn intersect_moving(
+        &self,
+        ray: &Ray,
+        t_min: f32,
+        t_max: f32,
+        moment: Moment,
+        mut nearest: Option<Hit>,
+    ) -> Option<Hit> {
+        for moving in &self.moving {
+            let t_max = nearest.as_ref().map_or(t_max, |hit| hit.t);
+            if !moving.is_near(ray, t_min, t_max) {
+                continue;
+            }
+            let found = match moment.of(moving.shape_idx) {
+                Some(carried) => {
+                    let scale = carried.scale();
+                    let hit = moving.alone.intersect(&carried.ray_back(ray), t_min / scale, t_max / scale);
+                    hit.map(|hit| carried.hit(&hit))
+                }
+                None => moving.alone.intersect(ray, t_min, t_max),
+            };
+            nearest = found.or(nearest);
+        }
+        nearest
+    }
+
+    /// As [`TraceScene::is_occluded`], by shapes where they are at a moment.
+    #[inline]
+    pub fn is_occluded_at(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> bool {
+        self.is_occluded(ray, t_min, t_max)
+            || self.moving.iter().any(|moving| {
+                moving.is_near(ray, t_min, t_max)
+                    && match moment.of(moving.shape_idx) {
+                        Some(carried) => {
+                            let scale = carried.scale();
+                            moving.alone.is_occluded(&carried.ray_back(ray), t_min / scale, t_max / scale)
+                        }
+                        None => moving.alone.is_occluded(ray, t_min, t_max),
+                    }
+            })
     }
 
     /// A world-space box that holds all surfaces; empty where there are none.
@@ -354,7 +447,7 @@ impl TraceScene {
         self.bounds
     }
 
-    /// The nearest surface between `t_min` and `t_max` [m] along the ray.
+    /// The nearest surface between `t_min` and `t_max` [m] along the ray, of those that stay where they are.
     ///
     /// A ray that leaves a surface starts at [`Hit::offset_origin`], with `t_min` 0.
     #[inline]

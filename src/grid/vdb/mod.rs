@@ -16,6 +16,7 @@ mod write;
 
 pub use read::{
     GridInfo, list_grids, parse_color_grid, parse_float_grid, parse_grid_list, read_color_grid, read_float_grid,
+    read_vector_grid,
 };
 pub use write::{VdbWriteSettings, write_float_grids};
 

@@ -86,6 +86,30 @@ pub fn read_color_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Resu
         .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
 }
 
+/// The grid `name` of vectors (`vec3s`) of a file: of each component the part above 0, and the part below with its sign turned.
+///
+/// # Errors
+/// As [`read_color_grid`].
+pub fn read_vector_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Result<[[DensityGrid; 2]; 3], VdbError> {
+    let component = |bytes: &[u8], i: usize, limit: u64| {
+        let up = parse_channel(bytes, name, Some(i), limit)?;
+        let mut down = Voxels { origin: up.origin, voxel_size: up.voxel_size, tree: up.tree.clone() };
+        down.tree.values.iter_mut().flatten().for_each(|v| *v = -*v);
+        let above = |mut voxels: Voxels| {
+            // What is no number stays, and is refused.
+            voxels.tree.values.iter_mut().flatten().filter(|v| **v < 0.0).for_each(|v| *v = 0.0);
+            voxels.into_grid(name, limit)
+        };
+        Ok::<_, VdbProblem>([above(up)?, above(down)?])
+    };
+    load(path, memory_limit_bytes)
+        .and_then(|bytes| {
+            let limit = memory_limit_bytes.saturating_sub(bytes.len() as u64) / 6;
+            Ok([component(&bytes, 0, limit)?, component(&bytes, 1, limit)?, component(&bytes, 2, limit)?])
+        })
+        .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
+}
+
 fn load(path: &Path, limit_bytes: u64) -> Result<Vec<u8>, VdbProblem> {
     let file = std::fs::File::open(path)?;
     let file_bytes = file.metadata()?.len();
@@ -485,11 +509,10 @@ impl<'a> Stream<'a> {
 }
 
 /// Bricks as they come out of a file.
-#[derive(Default)]
+#[derive(Default, Clone)]
 struct Tree {
     /// Low corners of the leaves [bricks], in the file's order.
     leaves: Vec<IVec3>,
-    /// All bricks that are not zero.
     bricks: Vec<IVec3>,
     values: Vec<BrickValues>,
     /// Box around leaves and tiles [bricks].

@@ -1,13 +1,13 @@
 //! Lights from what a scene says: its own, the suns of its skies, and shapes that shine.
 
-use crate::geometry::Shape;
 use crate::geometry::primitive::Primitive;
 use crate::geometry::sdf::Sdf;
-use crate::math::space::UnitVec3;
+use crate::geometry::{Shape, keys, vector};
+use crate::math::space::{UnitVec3, WorldPoint};
 use crate::render::atmosphere::{Atmosphere, SUN_DIAMETER_DEG, direction_to_sun};
 use crate::render::ball::Ball;
 use crate::render::environment::Environment;
-use crate::render::from_scene::{vec3, world_point};
+use crate::render::from_scene::vec3;
 use crate::render::light::Light;
 use crate::render::light_path::OTHER_GROUP;
 use crate::render::material::Material;
@@ -18,21 +18,22 @@ use crate::render::surface_light::SurfaceLight;
 use crate::render::texture::Texture;
 use crate::render::{LoadPicture, RenderError};
 use crate::scene::{Scene, settings};
-use glam::DQuat;
+use glam::{DQuat, Vec3};
 
 /// Width and height of the picture of a clear sky: haze about the sun and the rim of the earth take the most.
 const SKY_SIZE: [usize; 2] = [512, 256];
 
-/// The lights of a scene in its order; the sun of a clear sky follows the sky.
+/// The lights of a scene as they are at a time [s], in its order; the sun of a clear sky follows the sky.
 ///
 /// # Errors
 /// [`RenderError::Light`] when a picture of the surroundings cannot be used.
-pub fn build_lights(scene: &Scene, load: LoadPicture) -> Result<Vec<Light>, RenderError> {
+pub fn build_lights(scene: &Scene, time: f64, load: LoadPicture) -> Result<Vec<Light>, RenderError> {
+    let at = At { scene, time };
     let mut lights = Vec::new();
     for (light_idx, settings) in scene.settings.lights.iter().enumerate() {
-        let built = light(scene, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?;
+        let built = light(at, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?;
         lights.push(built);
-        lights.extend(sky_with_sun(settings).map(|(environment, sky)| sun_of(environment, sky)));
+        lights.extend(sky_with_sun(settings).map(|(environment, sky)| sun_of(at, environment, sky)));
     }
     Ok(lights)
 }
@@ -51,64 +52,101 @@ pub fn groups(settings: &settings::Settings) -> Vec<usize> {
     settings.lights.iter().flat_map(group).collect()
 }
 
-fn light(scene: &Scene, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
+/// A scene at a time [s].
+#[derive(Clone, Copy)]
+struct At<'a> {
+    scene: &'a Scene,
+    time: f64,
+}
+
+impl At<'_> {
+    fn vector(self, keyed: &settings::Keyed<settings::Vec3>) -> Vec3 {
+        keys(keyed, &self.scene.settings.frames, vector).at(self.time).as_vec3()
+    }
+
+    fn point(self, keyed: &settings::Keyed<settings::Vec3>) -> WorldPoint {
+        WorldPoint(self.vector(keyed))
+    }
+
+    fn number(self, keyed: &settings::Keyed<f64>) -> f64 {
+        keys(keyed, &self.scene.settings.frames, |x| *x).at(self.time)
+    }
+
+    fn direction(self, keyed: &settings::Keyed<settings::Vec3>) -> Result<UnitVec3, RenderError> {
+        UnitVec3::try_new(self.vector(keyed)).ok_or(RenderError::LightNowhere {
+            time: self.time,
+            what: "its direction has length 0; put a key in between that says which way it turns",
+        })
+    }
+}
+
+fn light(at: At, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
     Ok(match light {
         settings::Light::Sun(sun) => Light::Sun(Sun::new(
-            UnitVec3::try_new(vec3(sun.direction)).expect("validation refuses directions of length 0"),
-            vec3(sun.irradiance),
+            at.direction(&sun.direction)?,
+            at.vector(&sun.irradiance),
             sun.angular_diameter_deg,
             sun.visible,
         )),
-        settings::Light::Environment(e) => Light::Environment(environment(scene, e, load)?),
+        settings::Light::Environment(e) => Light::Environment(environment(at, e, load)?),
         settings::Light::Rectangle(r) => {
-            let (center, half_u, half_v) = (world_point(r.center), vec3(r.half_u), vec3(r.half_v));
-            let mut panel = Panel::try_new(Outline::Rectangle, center, half_u, half_v, vec3(r.radiance))
-                .expect("validation refuses rectangles without area");
+            let (center, half_u, half_v) = (at.point(&r.center), at.vector(&r.half_u), at.vector(&r.half_v));
+            let panel = Panel::try_new(Outline::Rectangle, center, half_u, half_v, at.vector(&r.radiance));
+            let what = "half_u and half_v are parallel there, so that it has no area";
+            let mut panel = panel.ok_or(RenderError::LightNowhere { time: at.time, what })?;
             (panel.is_two_sided, panel.is_visible) = (r.two_sided, r.visible);
             Light::Panel(panel)
         }
         settings::Light::Disk(d) => {
-            let mut panel = Panel::disk(world_point(d.center), vec3(d.normal), d.radius as f32, vec3(d.radiance))
-                .expect("validation refuses disks without a direction");
+            let (center, normal) = (at.point(&d.center), at.direction(&d.normal)?.as_vec3());
+            let panel = Panel::disk(center, normal, at.number(&d.radius) as f32, at.vector(&d.radiance));
+            let mut panel = panel.ok_or(RenderError::LightNowhere { time: at.time, what: "it has no area" })?;
             (panel.is_two_sided, panel.is_visible) = (d.two_sided, d.visible);
             Light::Panel(panel)
         }
         settings::Light::Sphere(s) => {
-            let mut ball = Ball::new(world_point(s.center), s.radius as f32, vec3(s.radiance));
+            let mut ball = Ball::new(at.point(&s.center), at.number(&s.radius) as f32, at.vector(&s.radiance));
             ball.is_visible = s.visible;
             Light::Ball(ball)
         }
         settings::Light::Spot(s) => Light::Spot(Spot::new(
-            world_point(s.position),
-            UnitVec3::try_new(vec3(s.direction)).expect("validation refuses directions of length 0"),
-            vec3(s.intensity),
-            s.cone_deg,
-            s.blend,
+            at.point(&s.position),
+            at.direction(&s.direction)?,
+            at.vector(&s.intensity),
+            at.number(&s.cone_deg),
+            at.number(&s.blend),
         )),
-        settings::Light::Point(p) => Light::Point { position: world_point(p.position), intensity: vec3(p.intensity) },
+        settings::Light::Point(p) => {
+            Light::Point { position: at.point(&p.position), intensity: at.vector(&p.intensity) }
+        }
     })
 }
 
-fn environment(scene: &Scene, e: &settings::Environment, load: LoadPicture) -> Result<Environment, RenderError> {
-    let scale = e.scale.unwrap_or(1.0) as f32;
+fn environment(at: At, e: &settings::Environment, load: LoadPicture) -> Result<Environment, RenderError> {
+    let scale = scale_of(at, e);
+    let turn = at.number(&e.rotate_deg) as f32;
     let is_visible = e.visible.unwrap_or(true);
     if let Some(file) = &e.file {
-        let path = scene.resolve(file);
+        let path = at.scene.resolve(file);
         let fail = |problem| RenderError::NoLight { path: path.clone(), problem };
         let picture = load(&path).map_err(RenderError::Picture)?;
         picture.check("radiance").map_err(fail)?;
         let pixels = picture.pixels.into_iter().map(|p| p * scale).collect();
-        return Ok(Environment::picture(picture.width, picture.height, pixels, e.rotate_deg as f32, is_visible));
+        return Ok(Environment::picture(picture.width, picture.height, pixels, turn, is_visible));
     }
     if let Some(sky) = &e.sky {
         let pixels = atmosphere(sky).picture(SKY_SIZE[0], SKY_SIZE[1]).into_iter().map(|p| p * scale).collect();
-        return Ok(Environment::picture(SKY_SIZE[0], SKY_SIZE[1], pixels, e.rotate_deg as f32, is_visible));
+        return Ok(Environment::picture(SKY_SIZE[0], SKY_SIZE[1], pixels, turn, is_visible));
     }
     if let Some(g) = &e.gradient {
         let [zenith, horizon, nadir] = [g.zenith, g.horizon, g.nadir].map(|c| vec3(c) * scale);
         return Ok(Environment::gradient(zenith, horizon, nadir, is_visible));
     }
     Ok(Environment::constant(vec3(e.radiance.unwrap_or([0.0; 3])) * scale, is_visible))
+}
+
+fn scale_of(at: At, environment: &settings::Environment) -> f32 {
+    environment.scale.as_ref().map_or(1.0, |scale| at.number(scale) as f32)
 }
 
 fn atmosphere(sky: &settings::Sky) -> Atmosphere {
@@ -123,11 +161,11 @@ fn sky_with_sun(light: &settings::Light) -> Option<(&settings::Environment, &set
 }
 
 /// The sun of a clear sky, as much dimmed by the air.
-fn sun_of(environment: &settings::Environment, sky: &settings::Sky) -> Light {
+fn sun_of(at: At, environment: &settings::Environment, sky: &settings::Sky) -> Light {
     let to_sun = direction_to_sun(sky.sun_elevation_deg, sky.sun_azimuth_deg);
-    let turned = DQuat::from_rotation_y(environment.rotate_deg.to_radians()) * to_sun;
+    let turned = DQuat::from_rotation_y(at.number(&environment.rotate_deg).to_radians()) * to_sun;
     let direction = UnitVec3::new_unchecked(-turned.as_vec3().normalize());
-    let irradiance = atmosphere(sky).sun_irradiance() * environment.scale.unwrap_or(1.0) as f32;
+    let irradiance = atmosphere(sky).sun_irradiance() * scale_of(at, environment);
     Light::Sun(Sun::new(direction, irradiance, SUN_DIAMETER_DEG, sky.sun_visible))
 }
 

@@ -2,9 +2,10 @@
 
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
 use crate::flow::surface::{CacheSettings, SurfaceFlow, SurfaceFlowSettings};
-use crate::geometry::Geometry;
 use crate::geometry::sdf::PlacedSdf;
+use crate::geometry::{Geometry, interpolation};
 use crate::math::hash::Seed;
+use crate::math::keys::Keys;
 use crate::render::bsdf::conductor::{Metal, MetalColor};
 use crate::render::bsdf::dielectric::Glass;
 use crate::render::bsdf::metals::{self, Index};
@@ -13,7 +14,7 @@ use crate::render::bsdf::principled::{Principled, PrincipledSettings};
 use crate::render::from_scene::textures::{TextureStore, texture};
 use crate::render::from_scene::vec3;
 use crate::render::material::{Material, MaterialKind, Sight};
-use crate::render::surface_keys::{FlowState, state_at};
+use crate::render::surface_keys::FlowState;
 use crate::scene::{Scene, settings};
 use std::sync::Arc;
 
@@ -117,13 +118,15 @@ fn surface_flow_settings(flow: &settings::SurfaceFlow, time: f64, cache_bytes: u
         let length = key.length_scale.unwrap_or(flow.length_scale);
         (key.time, FlowState { distance: key.distance, length, steps })
     });
-    let is_smooth = flow.interpolation == settings::Interpolation::Smooth;
     let own = FlowState {
         distance: flow.distance + flow.speed * time,
         length: flow.length_scale,
         steps: flow.steps.map(f64::from),
     };
-    let FlowState { distance, length, steps } = state_at(&keys.collect::<Vec<_>>(), time, is_smooth).unwrap_or(own);
+    let FlowState { distance, length, steps } = match flow.keys.as_slice() {
+        [] => own,
+        _ => Keys::new(keys.collect(), interpolation(flow.interpolation), false).at(time),
+    };
     // So many to a swirl.
     let own_steps = (16.0 * distance.abs() / length).ceil().clamp(16.0, 4096.0) as u32;
     let trace = Trace {

@@ -3,19 +3,14 @@
 //! The files of this folder know settings, and the rest of the stage knows them only through these files and
 //! `render/mod.rs`. They compute nothing of light: what a value means is said where its type is.
 
+pub mod camera;
 pub mod lights;
 pub mod materials;
 pub mod textures;
 
-use crate::math::space::WorldPoint;
 use glam::Vec3;
 
 /// In single precision.
 pub fn vec3(v: [f64; 3]) -> Vec3 {
     Vec3::from(v.map(|x| x as f32))
-}
-
-/// A place in single precision.
-pub fn world_point(v: [f64; 3]) -> WorldPoint {
-    WorldPoint(vec3(v))
 }

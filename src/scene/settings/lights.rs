@@ -1,6 +1,6 @@
 //! Sources of light.
 
-use crate::settings::{Rgb, Vec3, yes};
+use crate::settings::{Keyed, Rgb, Vec3, yes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +38,22 @@ impl Light {
         }
     }
 
+    /// Whether it changes in time.
+    pub fn varies(&self) -> bool {
+        match self {
+            Self::Sun(l) => l.direction.varies() || l.irradiance.varies(),
+            Self::Environment(l) => l.rotate_deg.varies() || l.scale.as_ref().is_some_and(Keyed::varies),
+            Self::Rectangle(l) => [&l.center, &l.half_u, &l.half_v, &l.radiance].into_iter().any(Keyed::varies),
+            Self::Disk(l) => [&l.center, &l.normal, &l.radiance].into_iter().any(Keyed::varies) || l.radius.varies(),
+            Self::Sphere(l) => [&l.center, &l.radiance].into_iter().any(Keyed::varies) || l.radius.varies(),
+            Self::Point(l) => [&l.position, &l.intensity].into_iter().any(Keyed::varies),
+            Self::Spot(l) => {
+                [&l.position, &l.direction, &l.intensity].into_iter().any(Keyed::varies)
+                    || [&l.cone_deg, &l.blend].into_iter().any(Keyed::varies)
+            }
+        }
+    }
+
     /// Its group, if it is in one.
     pub fn group(&self) -> Option<&str> {
         let group = match self {
@@ -58,11 +74,11 @@ impl Light {
 #[serde(deny_unknown_fields)]
 pub struct Sun {
     /// Direction in which the light travels; any length but 0.
-    pub direction: Vec3,
+    pub direction: Keyed<Vec3>,
     /// Irradiance on a surface that faces it [W/m²]: of a disk, one that faces its middle. Whatever the disk's size, this
     /// is kept; a smaller disk is brighter.
     #[schemars(inner(range(min = 0.0)))]
-    pub irradiance: Rgb,
+    pub irradiance: Keyed<Rgb>,
     /// Diameter of its disk in the sky [degrees]: 0, or at least 0.01. Shadows get soft edges of this angle. That of the real
     /// sun is 0.53. Default 0, parallel light.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -89,7 +105,7 @@ fn is_true(x: &bool) -> bool {
     *x
 }
 
-/// Light from all around.
+/// Light from all around. With keys its picture is read, or its sky computed, again for each frame.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Environment {
@@ -104,10 +120,10 @@ pub struct Environment {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky: Option<Sky>,
     /// Turns the picture or the sky about +y [degrees]. Default 0.
-    pub rotate_deg: f64,
+    pub rotate_deg: Keyed<f64>,
     /// Factor on the picture, the gradient, or the sky and its sun. Default 1.
     #[schemars(range(min = 0.0))]
-    pub scale: Option<f64>,
+    pub scale: Option<Keyed<f64>>,
     /// Whether camera rays see it; otherwise the background is black and its alpha 0. Default true.
     pub visible: Option<bool>,
     /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
@@ -172,14 +188,14 @@ pub struct Gradient {
 #[serde(deny_unknown_fields)]
 pub struct RectangleLight {
     /// Middle [m].
-    pub center: Vec3,
+    pub center: Keyed<Vec3>,
     /// From the middle to the middle of one edge [m].
-    pub half_u: Vec3,
+    pub half_u: Keyed<Vec3>,
     /// From the middle to the middle of a neighbouring edge [m]. The front is where half_u × half_v points.
-    pub half_v: Vec3,
+    pub half_v: Keyed<Vec3>,
     /// Radiance [W/(m² sr)].
     #[schemars(inner(range(min = 0.0)))]
-    pub radiance: Rgb,
+    pub radiance: Keyed<Rgb>,
     /// Whether its back shines like its front; otherwise the back is black. Default false.
     #[serde(default, skip_serializing_if = "is_false")]
     pub two_sided: bool,
@@ -196,15 +212,15 @@ pub struct RectangleLight {
 #[serde(deny_unknown_fields)]
 pub struct DiskLight {
     /// Middle [m].
-    pub center: Vec3,
+    pub center: Keyed<Vec3>,
     /// Direction in which its front looks; any length but 0.
-    pub normal: Vec3,
+    pub normal: Keyed<Vec3>,
     /// Radius [m].
     #[schemars(range(min = 1e-6, max = 1e6))]
-    pub radius: f64,
+    pub radius: Keyed<f64>,
     /// Radiance [W/(m² sr)].
     #[schemars(inner(range(min = 0.0)))]
-    pub radiance: Rgb,
+    pub radiance: Keyed<Rgb>,
     /// Whether its back shines like its front; otherwise the back is black. Default false.
     #[serde(default, skip_serializing_if = "is_false")]
     pub two_sided: bool,
@@ -221,13 +237,13 @@ pub struct DiskLight {
 #[serde(deny_unknown_fields)]
 pub struct SphereLight {
     /// Middle [m].
-    pub center: Vec3,
+    pub center: Keyed<Vec3>,
     /// Radius [m].
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub radius: f64,
+    pub radius: Keyed<f64>,
     /// Radiance [W/(m² sr)].
     #[schemars(inner(range(min = 0.0)))]
-    pub radiance: Rgb,
+    pub radiance: Keyed<Rgb>,
     /// Whether camera rays see it; smoke and surfaces are lit by it in any case. Default true.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
     pub visible: bool,
@@ -241,10 +257,10 @@ pub struct SphereLight {
 #[serde(deny_unknown_fields)]
 pub struct PointLight {
     /// Where [m].
-    pub position: Vec3,
+    pub position: Keyed<Vec3>,
     /// Radiant intensity [W/sr].
     #[schemars(inner(range(min = 0.0)))]
-    pub intensity: Rgb,
+    pub intensity: Keyed<Rgb>,
     /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
@@ -255,30 +271,30 @@ pub struct PointLight {
 #[serde(deny_unknown_fields)]
 pub struct SpotLight {
     /// Where [m].
-    pub position: Vec3,
+    pub position: Keyed<Vec3>,
     /// Direction of the middle of the cone, away from the light; any length but 0.
-    pub direction: Vec3,
+    pub direction: Keyed<Vec3>,
     /// Radiant intensity in the middle of the cone [W/sr]. It does not depend on the cone's angle.
     #[schemars(inner(range(min = 0.0)))]
-    pub intensity: Rgb,
+    pub intensity: Keyed<Rgb>,
     /// Angle between opposite sides of the cone [degrees]. Nothing is lit beyond. Default 45.
     #[serde(default = "cone")]
     #[schemars(range(min = 0.01, max = 180.0))]
-    pub cone_deg: f64,
+    pub cone_deg: Keyed<f64>,
     /// Share of half the cone's angle over which light fades to nothing at its sides, 0 to 1. At the share x of that way in
     /// from the side there is x²(3 − 2x) of the light in the middle. Default 0.15.
     #[serde(default = "blend")]
     #[schemars(range(min = 0.0, max = 1.0))]
-    pub blend: f64,
+    pub blend: Keyed<f64>,
     /// Group of lights, with a layer of its own: see `light_groups` of `output.aovs`. Default none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
 }
 
-fn cone() -> f64 {
-    45.0
+fn cone() -> Keyed<f64> {
+    45.0.into()
 }
 
-fn blend() -> f64 {
-    0.15
+fn blend() -> Keyed<f64> {
+    0.15.into()
 }

@@ -388,8 +388,8 @@ pub struct SurfaceFlow {
     // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub keys: Vec<SurfaceFlowKey>,
-    /// How the flow gets from key to key. Default smooth.
-    #[serde(default, skip_serializing_if = "is_smooth")]
+    /// How the flow gets from key to key. Default ease.
+    #[serde(default, skip_serializing_if = "is_eased")]
     pub interpolation: Interpolation,
     /// Steps that the way is cut into. Default 16 for each `length_scale` of the way, at least 16 and at most 4096.
     #[serde(default)]
@@ -444,8 +444,8 @@ pub enum SurfaceIntegrator {
     Rk4,
 }
 
-fn is_smooth(interpolation: &Interpolation) -> bool {
-    *interpolation == Interpolation::Smooth
+fn is_eased(interpolation: &Interpolation) -> bool {
+    *interpolation == Interpolation::Ease
 }
 
 fn reprojections() -> u32 {

@@ -1,6 +1,6 @@
 //! Solid things: shapes, their meshes, places and motions.
 
-use crate::settings::{Material, SurfaceFlow, Vec3, up, yes};
+use crate::settings::{Keyed, Material, SurfaceFlow, Vec3, up, yes};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -33,7 +33,7 @@ pub struct Shape {
     /// Moves, turns and scales the shape.
     #[serde(default)]
     pub transform: Transform,
-    /// How the shape moves in time. Default not at all.
+    /// How the shape moves in time from where `transform` puts it; not with a `transform` that has keys. Default not at all.
     #[serde(default)]
     pub motion: Option<Motion>,
     /// What the surface does to light. Default diffuse grey 0.5.
@@ -187,8 +187,13 @@ pub struct Part {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Mesh {
-    /// An .obj or .ply file; relative to the scene file.
+    /// An .obj, .ply, .glb or .gltf file; relative to the scene file. Of glTF the triangles are read, and animations of nodes move
+    /// the shape, from time 0 at frame `first` on; skins, morph targets and cubic splines are errors, and materials passed over.
     pub file: String,
+    /// Of glTF, the node by its name that is the shape, with what is inside of it. Default all of the file, which must move as one.
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub node: Option<String>,
     /// Distance between the samples of the mesh's signed distance [m], for flow round it. Default a 96th of its
     /// longest edge.
     #[serde(default)]
@@ -199,22 +204,37 @@ pub struct Mesh {
     pub smooth: bool,
 }
 
-/// Scale first, then rotation, then translation.
+/// Scale first, then rotation, then translation. With keys the shape moves: at constant velocity and angular velocity between
+/// keys that are `linear`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Transform {
     /// Added last [m]. Default the origin.
-    pub translate: Vec3,
-    /// Turn about an axis through the origin. Default none.
-    pub rotate_deg: Rotation,
-    /// Uniform factor. Default 1.
+    pub translate: Keyed<Vec3>,
+    /// Turn about an axis through the origin. Between keys with the same axis it turns by as much as the angles say, be it
+    /// many times round; otherwise it takes the shorter way. Default none.
+    pub rotate_deg: Keyed<Rotation>,
+    /// The turn as a quaternion x, y, z, w of any length but 0, in place of `rotate_deg`. Between keys it takes the shorter
+    /// way. Default none.
+    // What is left out is no part of a scene's fingerprint, so that frames of older scenes stay valid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<Keyed<[f64; 4]>>,
+    /// Uniform factor. With keys not for shapes that guide the flow, hold a volume or let particles start. Default 1.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    pub scale: f64,
+    pub scale: Keyed<f64>,
+}
+
+impl Transform {
+    /// Whether it changes in time.
+    pub fn varies(&self) -> bool {
+        let turns = self.quaternion.as_ref().is_some_and(Keyed::varies);
+        self.translate.varies() || self.rotate_deg.varies() || turns || self.scale.varies()
+    }
 }
 
 impl Default for Transform {
     fn default() -> Self {
-        Self { translate: [0.0; 3], rotate_deg: Rotation::default(), scale: 1.0 }
+        Self { translate: [0.0; 3].into(), rotate_deg: Rotation::default().into(), quaternion: None, scale: 1.0.into() }
     }
 }
 
@@ -234,14 +254,13 @@ impl Default for Rotation {
     }
 }
 
-/// How a shape moves: rigidly, from key to key. Before the first key and after the last it stands still. In pictures it
-/// has no motion blur, whatever the shutter.
+/// How a shape moves: rigidly, from key to key. Before the first key and after the last it stands still.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
     /// Where it is when; times rise. At least two.
     pub keys: Vec<Key>,
-    /// How it gets from key to key. Default smooth.
+    /// How it gets from key to key. Default ease.
     #[serde(default)]
     pub interpolation: Interpolation,
 }
@@ -261,13 +280,15 @@ pub struct Key {
     pub rotate_deg: Rotation,
 }
 
-/// How a shape gets from key to key.
+/// How a value gets from key to key.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Interpolation {
-    /// At constant velocity, which jumps at keys.
+    /// At constant speed, which jumps at keys.
     Linear,
     /// Faster in the middle, at rest at each key.
     #[default]
-    Smooth,
+    Ease,
+    /// It stays what it was at the key before.
+    Step,
 }

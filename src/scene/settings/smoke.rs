@@ -250,6 +250,32 @@ pub struct DensityFile {
     #[serde(default = "one", skip_serializing_if = "is_one")]
     #[schemars(range(min = 0.0, max = 1e9))]
     pub emission_gain: f64,
+    /// Name of a grid of velocities in it (`vec3s`, at voxel centres), by which it is blurred while the shutter is open: what is at
+    /// a place is taken to have come straight along the velocity there. So velocities must be stored as far beside the smoke as it
+    /// goes. Default none: no motion blur.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<String>,
+    /// Unit of these velocities. Default second.
+    #[serde(default, skip_serializing_if = "VelocityUnits::is_second")]
+    pub velocity_units: VelocityUnits,
+}
+
+/// Unit of velocities in a file.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VelocityUnits {
+    /// Metres a second.
+    #[default]
+    Second,
+    /// Metres a frame.
+    Frame,
+}
+
+impl VelocityUnits {
+    /// Whether it is the usual one.
+    pub fn is_second(&self) -> bool {
+        *self == Self::Second
+    }
 }
 
 fn is_one(factor: &f64) -> bool {

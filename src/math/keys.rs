@@ -1,0 +1,193 @@
+//! A value over time, given by keys: the one place that says what it is between them, before the first and after the last.
+
+use crate::math::interpolate::cubic_step;
+use glam::{DQuat, DVec3};
+
+/// How a value gets from key to key.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Interpolation {
+    /// At constant speed, which jumps at keys.
+    Linear,
+    /// Faster in the middle, at rest at each key: a share `t` of the time is a share `t²(3 − 2t)` of the way.
+    #[default]
+    Ease,
+    /// It stays what it was at the key before.
+    Step,
+}
+
+/// What has something in between.
+pub trait Between {
+    /// The value at a share of the way from `self` to `to`, 0 to 1.
+    fn between(&self, to: &Self, share: f64) -> Self;
+}
+
+/// A value over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Keys<T> {
+    /// Times [s], rising, and values; at least one.
+    keys: Vec<(f64, T)>,
+    interpolation: Interpolation,
+    /// Whether the course from the first key to the last goes on and on, backwards too; else the value stays what it is at the
+    /// ends.
+    repeats: bool,
+}
+
+impl<T: Between + Clone> Keys<T> {
+    /// The value through `keys` of time [s] and value.
+    ///
+    /// # Panics
+    /// Without keys, and where times do not rise.
+    pub fn new(keys: Vec<(f64, T)>, interpolation: Interpolation, repeats: bool) -> Self {
+        assert!(!keys.is_empty() && keys.windows(2).all(|k| k[0].0 < k[1].0), "keys must rise in time");
+        Self { keys, interpolation, repeats }
+    }
+
+    /// The same at all times.
+    pub fn constant(value: T) -> Self {
+        Self { keys: vec![(0.0, value)], interpolation: Interpolation::Step, repeats: false }
+    }
+
+    /// Whether there is more than one key.
+    pub fn varies(&self) -> bool {
+        self.keys.len() > 1
+    }
+
+    /// The value at the first key.
+    pub fn first(&self) -> &T {
+        &self.keys[0].1
+    }
+
+    /// The value at a time [s].
+    pub fn at(&self, time: f64) -> T {
+        let time = self.within(time);
+        let next = self.keys.partition_point(|key| key.0 <= time);
+        if next == 0 || next == self.keys.len() {
+            return self.keys[next.saturating_sub(1)].1.clone();
+        }
+        let ((start, a), (end, b)) = (&self.keys[next - 1], &self.keys[next]);
+        let share = (time - start) / (end - start);
+        match self.interpolation {
+            Interpolation::Linear => a.between(b, share),
+            Interpolation::Ease => a.between(b, cubic_step(share)),
+            Interpolation::Step => a.clone(),
+        }
+    }
+
+    /// The time of the first round at which a course that repeats is the same.
+    fn within(&self, time: f64) -> f64 {
+        let (first, last) = (self.keys[0].0, self.keys[self.keys.len() - 1].0);
+        if self.repeats && last > first { first + (time - first).rem_euclid(last - first) } else { time }
+    }
+}
+
+impl Between for f64 {
+    fn between(&self, to: &Self, share: f64) -> Self {
+        self * (1.0 - share) + to * share
+    }
+}
+
+impl Between for DVec3 {
+    fn between(&self, to: &Self, share: f64) -> Self {
+        self.lerp(*to, share)
+    }
+}
+
+/// A rotation that remembers how often it has gone round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Turn {
+    /// About an axis of length 1, by an angle of any size [rad].
+    About(DVec3, f64),
+    /// A quaternion of length 1.
+    Quaternion(DQuat),
+}
+
+impl Turn {
+    /// None at all.
+    pub const NONE: Self = Self::Quaternion(DQuat::IDENTITY);
+
+    /// The rotation.
+    pub fn rotation(self) -> DQuat {
+        match self {
+            Self::About(axis, angle) => DQuat::from_axis_angle(axis, angle),
+            Self::Quaternion(rotation) => rotation,
+        }
+    }
+}
+
+impl Between for Turn {
+    /// At constant angular velocity. About one axis it turns by as much as the angles say, be it many times round; otherwise it
+    /// takes the shorter way.
+    fn between(&self, to: &Self, share: f64) -> Self {
+        /// Least cosine of the angle between axes that count as the same.
+        const SAME_AXIS: f64 = 1.0 - 1e-12;
+        if let (Self::About(a, from), Self::About(b, angle)) = (self, to) {
+            // No turn has every axis.
+            if *from == 0.0 || a.dot(*b) >= SAME_AXIS {
+                return Self::About(*b, from.between(angle, share));
+            }
+            if *angle == 0.0 {
+                return Self::About(*a, from.between(angle, share));
+            }
+        }
+        Self::Quaternion(self.rotation().slerp(to.rotation(), share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{PI, TAU};
+
+    fn course(interpolation: Interpolation, repeats: bool) -> Keys<f64> {
+        Keys::new(vec![(1.0, 0.0), (2.0, 1.0), (4.0, -1.0)], interpolation, repeats)
+    }
+
+    #[test]
+    fn keys_are_met_and_the_value_stays_outside_them() {
+        for interpolation in [Interpolation::Linear, Interpolation::Ease, Interpolation::Step] {
+            let keys = course(interpolation, false);
+            for (time, value) in [(-3.0, 0.0), (1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (9.0, -1.0)] {
+                assert_eq!(keys.at(time), value, "{interpolation:?} {time}");
+            }
+        }
+    }
+
+    #[test]
+    fn ways_between_keys_are_as_their_names_say() {
+        let at = |interpolation, time| course(interpolation, false).at(time);
+        assert_eq!(at(Interpolation::Linear, 1.25), 0.25);
+        assert_eq!(at(Interpolation::Ease, 1.25), 0.0625 * 2.5);
+        assert_eq!((at(Interpolation::Step, 1.999), at(Interpolation::Step, 3.999)), (0.0, 1.0));
+        let slope = |time: f64| (at(Interpolation::Ease, time + 1e-6) - at(Interpolation::Ease, time - 1e-6)) / 2e-6;
+        assert!(slope(2.0).abs() < 1e-5 && slope(1.5) > 1.4, "at rest at keys");
+    }
+
+    #[test]
+    fn what_repeats_is_the_same_a_round_later_and_earlier() {
+        let keys = course(Interpolation::Linear, true);
+        for i in 0..60 {
+            let time = 1.0 + 0.05 * f64::from(i);
+            for rounds in [-2.0, -1.0, 1.0, 7.0] {
+                assert!((keys.at(time) - keys.at(time + 3.0 * rounds)).abs() < 1e-12, "{time}");
+            }
+        }
+        assert_eq!(keys.at(4.0), 0.0, "the last key is the first");
+    }
+
+    #[test]
+    fn a_turn_goes_round_as_often_as_it_says_and_otherwise_the_shorter_way() {
+        let axis = DVec3::new(0.0, 0.6, 0.8);
+        let at = |from, to, share| Turn::between(&from, &to, share).rotation();
+        let whole = at(Turn::NONE, Turn::About(axis, TAU), 0.25);
+        assert!((whole.dot(DQuat::IDENTITY) - 1.0).abs() < 1e-12, "a quaternion knows no rounds");
+        let whole = at(Turn::About(DVec3::X, 0.0), Turn::About(axis, 5.0 * TAU), 0.05);
+        assert!((whole.dot(DQuat::from_axis_angle(axis, 0.25 * TAU)).abs() - 1.0).abs() < 1e-12);
+        let shorter = at(Turn::About(DVec3::X, 0.2), Turn::About(DVec3::Y, 1.5 * PI), 1.0);
+        assert!((shorter.dot(DQuat::from_axis_angle(DVec3::Y, -0.5 * PI)).abs() - 1.0).abs() < 1e-12);
+        // At constant angular velocity: equal shares are equal angles.
+        let (a, b) = (Turn::About(DVec3::X, 0.9), Turn::Quaternion(DQuat::from_axis_angle(DVec3::Y, 1.2)));
+        let angles: Vec<f64> =
+            (0..8).map(|i| at(a, b, f64::from(i) / 8.0).angle_between(at(a, b, f64::from(i + 1) / 8.0))).collect();
+        assert!(angles.iter().all(|angle| (angle / angles[0] - 1.0).abs() < 1e-9), "{angles:?}");
+    }
+}
