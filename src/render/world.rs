@@ -8,6 +8,7 @@ use crate::render::color::Rgb;
 use crate::render::light::{Light, LightSample};
 use crate::render::light_path::OTHER_GROUP;
 use crate::render::material::{Material, Sight};
+use crate::render::surface_light::SurfaceLight;
 
 /// Surfaces that a ray passes before it counts as lost among them: an end for rays that rounding holds in a place.
 const SURFACES_PASSED_MAX: u32 = 10_000;
@@ -131,18 +132,12 @@ impl World {
     }
 
     /// A direction from `from` towards light `i` at a moment, from two uniform numbers; `None` where no light comes from it.
-    #[inline]
+    #[inline(always)]
     pub fn sample_light(&self, i: usize, from: WorldPoint, u: [f32; 2], moment: Moment) -> Option<LightSample> {
-        let light = &self.lights[i];
-        if let Light::Surface(surface) = light
-            && let Some(carried) = moment.of(surface.shape_idx)
-        {
-            // Solid angles are the same in the space in which the shape is still at the frame's time.
-            let sample = surface.sample(carried.back(from), u)?;
-            let (direction, distance) = (carried.direction(sample.direction), sample.distance * carried.scale());
-            return Some(LightSample { direction, distance, ..sample });
+        match &self.lights[i] {
+            Light::Surface(surface) => sample_surface(surface, from, u, moment),
+            light => light.sample(from, u),
         }
-        light.sample(from, u)
     }
 
     /// Which light the surface is that a ray from `from` hit at a moment, if it is one, and the density [1/sr] with which the
@@ -169,7 +164,8 @@ impl World {
     }
 
     /// Whether a surface or a light other than number `target` is in the way at a moment.
-    #[inline]
+    // Asked by every connection, most of which it should cost no call.
+    #[inline(always)]
     pub fn is_blocked(&self, ray: &Ray, t_max: f32, target: usize, moment: Moment) -> bool {
         self.surfaces.is_occluded_at(ray, 0.0, t_max, moment) || self.is_behind_light(ray, t_max, target)
     }
@@ -181,4 +177,13 @@ impl World {
             |&i: &u32| i as usize != target && self.lights[i as usize].intersect(ray).is_some_and(|h| h.t < t_max);
         self.met.iter().any(is_before)
     }
+}
+
+#[inline(never)]
+fn sample_surface(surface: &SurfaceLight, from: WorldPoint, u: [f32; 2], moment: Moment) -> Option<LightSample> {
+    let Some(carried) = moment.of(surface.shape_idx) else { return surface.sample(from, u) };
+    // Solid angles are the same in the space in which the shape is still at the frame's time.
+    let sample = surface.sample(carried.back(from), u)?;
+    let (direction, distance) = (carried.direction(sample.direction), sample.distance * carried.scale());
+    Some(LightSample { direction, distance, ..sample })
 }

@@ -430,16 +430,21 @@ impl TraceScene {
     #[inline]
     pub fn is_occluded_at(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> bool {
         self.is_occluded(ray, t_min, t_max)
-            || self.moving.iter().any(|moving| {
-                moving.is_near(ray, t_min, t_max)
-                    && match moment.of(moving.shape_idx) {
-                        Some(carried) => {
-                            let scale = carried.scale();
-                            moving.alone.is_occluded(&carried.ray_back(ray), t_min / scale, t_max / scale)
-                        }
-                        None => moving.alone.is_occluded(ray, t_min, t_max),
+            || (!self.moving.is_empty() && self.is_occluded_by_moving(ray, t_min, t_max, moment))
+    }
+
+    #[inline(never)]
+    fn is_occluded_by_moving(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> bool {
+        self.moving.iter().any(|moving| {
+            moving.is_near(ray, t_min, t_max)
+                && match moment.of(moving.shape_idx) {
+                    Some(carried) => {
+                        let scale = carried.scale();
+                        moving.alone.is_occluded(&carried.ray_back(ray), t_min / scale, t_max / scale)
                     }
-            })
+                    None => moving.alone.is_occluded(ray, t_min, t_max),
+                }
+        })
     }
 
     /// A world-space box that holds all surfaces; empty where there are none.
