@@ -8,7 +8,7 @@ use crate::scene::{Scene, settings};
 use std::path::Path;
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
-const PICTURES: &str = "2026-11-23 d";
+const PICTURES: &str = "2026-11-23 e";
 
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {
