@@ -12,6 +12,7 @@ use crate::output::OutputError;
 use crate::output::denoise::DenoiseError;
 use crate::output::frames::FramesError;
 use crate::output::oidn::OidnError;
+use crate::output::part_set::PartSetError;
 use crate::particles::ParticlesError;
 use crate::render::RenderError;
 use crate::scene::diagnostic::Fault;
@@ -46,6 +47,9 @@ pub enum Error {
     /// Pictures and other files.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// Parts of a picture that do not make it.
+    #[error(transparent)]
+    Parts(#[from] PartSetError),
     /// Looking at the flow.
     #[error(transparent)]
     Inspect(#[from] InspectError),
@@ -118,7 +122,7 @@ impl Error {
             Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
             Error::Inspect(_) => 3,
             Error::Frames(_) | Error::Usage(_) => 2,
-            Error::Pattern(..) => 3,
+            Error::Parts(_) | Error::Pattern(..) => 3,
         }
     }
 

@@ -11,6 +11,8 @@ pub mod hdr;
 pub mod heat_map;
 pub mod image;
 pub mod oidn;
+pub mod part;
+pub mod part_set;
 pub mod png;
 pub mod sidecar;
 

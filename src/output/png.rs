@@ -3,11 +3,12 @@
 use crate::output::image::{Image, SampleKind};
 use crate::output::{OutputError, check_memory, read_bytes};
 use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits, SrgbRenderingIntent, Transformations};
+use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::path::Path;
 
 /// How light is mapped to the screen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum View {
     /// Cut at 1, sRGB transfer curve.
     Standard,
