@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers costs
+.PHONY: plume test test-farm gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers costs
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -11,6 +11,12 @@ plume:
 test:
 	./bootstrap.sh
 	cargo test
+
+# Jobs of `curlsmoke farm`, run by openjd-cli and by Slurm; says which of them is not there.
+test-farm:
+	./bootstrap.sh
+	cargo build --release --bin curlsmoke
+	tests/farm/run.sh
 
 # The pictures of docs/gallery/.
 gallery:

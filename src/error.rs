@@ -13,6 +13,7 @@ use crate::output::denoise::DenoiseError;
 use crate::output::frames::FramesError;
 use crate::output::movie::MovieError;
 use crate::output::oidn::OidnError;
+use crate::output::part_set::PartSetError;
 use crate::particles::ParticlesError;
 use crate::render::RenderError;
 use crate::scene::diagnostic::Fault;
@@ -50,6 +51,9 @@ pub enum Error {
     /// A movie of the frames.
     #[error(transparent)]
     Movie(#[from] MovieError),
+    /// Parts of a picture that do not make it.
+    #[error(transparent)]
+    Parts(#[from] PartSetError),
     /// Looking at the flow.
     #[error(transparent)]
     Inspect(#[from] InspectError),
@@ -126,7 +130,7 @@ impl Error {
             Error::Inspect(InspectError::OverMemoryLimit { .. }) => 6,
             Error::Inspect(_) => 3,
             Error::Frames(_) | Error::Usage(_) => 2,
-            Error::Pattern(..) => 3,
+            Error::Parts(_) | Error::Pattern(..) => 3,
         }
     }
 

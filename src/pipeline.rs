@@ -1,8 +1,11 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
 mod fingerprint;
+mod frame_files;
 mod heat;
+mod keeper;
 mod mask_files;
+pub mod merge;
 mod smoke;
 mod volumes;
 
@@ -11,42 +14,50 @@ use crate::flow::Flow;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::vdb;
 use crate::inspect::Inspection;
-use crate::math::parallel;
-use crate::output::film_image::{Origin, image_of_film};
 use crate::output::frames::check_distinct;
-use crate::output::image::SampleKind;
-use crate::output::sidecar::{self, Sidecar, sidecar_path};
-use crate::output::{self, OutputError, exr, file, png};
+use crate::output::sidecar::Sidecar;
+use crate::output::{self, OutputError, file};
 use crate::particles::ParticleSystem;
 use crate::pipeline::fingerprint::InputHash;
+use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write_part, write_picture};
 use crate::pipeline::heat::Heat;
+use crate::pipeline::keeper::Keeper;
 use crate::pipeline::mask_files::SceneFiles;
 use crate::pipeline::smoke::SmokeSource;
 use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
-use crate::render::film::{Film, PixelBounds};
+use crate::render::film::{Film, PathCounts, PixelBounds};
 use crate::render::layers::Layer;
+use crate::render::ledger::Ledger;
 use crate::render::material::Material;
 use crate::render::media::Media;
 use crate::render::motion::FrameMotion;
 use crate::render::picture::Picture;
 use crate::render::sun_shadow;
+use crate::render::tiles::View;
 use crate::render::world::World;
 use crate::render::{self, RenderError, TextureStore, tiles};
 use crate::scene::pattern::Pattern;
 use crate::scene::{Scene, footprint, settings};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What to render.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct RenderJob {
     /// Frames, in the order in which they are made.
     pub frames: Vec<i32>,
     /// The part of the picture to render; all of it where `None`.
     pub crop: Option<PixelBounds>,
-    /// Leave frames alone that are whole and made from this very scene.
+    /// Leave frames alone that are whole and made from this very scene, and go on from checkpoints.
     pub resume: bool,
+    /// The first and the last path of each pixel to trace, from 1, to a file to be merged with others; all, to a picture,
+    /// where `None`.
+    pub samples: Option<[u32; 2]>,
+    /// How often to keep what is done of a frame, where at all.
+    pub checkpoint: Option<Duration>,
+    /// What the program was started with, for the sidecars.
+    pub arguments: Vec<String>,
 }
 
 /// What became of a frame.
@@ -58,35 +69,40 @@ pub enum FrameOutcome {
         frame: i32,
     },
     /// It was made.
-    Made(Box<Sidecar>),
+    Made {
+        /// Its picture, or the file of its part.
+        path: PathBuf,
+        /// How it came about.
+        record: Box<Sidecar>,
+    },
 }
 
 /// Renders frames and writes their files; calls `on_frame` after each.
 ///
 /// # Errors
-/// The first that any stage meets. Frames finished before it stay.
+/// The first that any stage meets. Frames finished before it stay, and a checkpoint of the one at hand.
 pub fn render(
     scene: &Scene,
     job: &RenderJob,
     progress: &dyn Progress,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<(), Error> {
-    let files = OutputFiles::new(scene)?;
+    let files = OutputFiles::new(scene, job.samples)?;
     check_distinct(&job.frames, |frame| files.image(frame))?;
-    let all_files = job.frames.iter().map(|&frame| {
-        let files = files.of_frame(frame);
-        let sidecar = sidecar_path(&files[0]);
-        files.into_iter().chain([sidecar])
-    });
-    check_writable(all_files)?;
+    check_writable(job.frames.iter().map(|&frame| files.to_write(frame)))?;
     check_camera(scene, &job.frames)?;
+    if job.samples.is_some()
+        && let Some(&frame) = job.frames.first()
+    {
+        let needed = footprint::film_bytes(&scene.settings) + footprint::sums_bytes(&scene.settings);
+        output::check_memory(&files.image(frame), needed as u64, memory_limit(scene))?;
+    }
     let inputs = InputHash::new(scene, job.crop)?;
     let mut studio: Option<Studio> = None;
     for (index, &frame) in job.frames.iter().enumerate() {
         progress.frame(frame, index, job.frames.len());
-        let sidecar_file = sidecar_path(&files.image(frame));
         let fingerprint = inputs.fingerprint(scene, frame)?;
-        if job.resume && sidecar::is_complete(&sidecar_file, &fingerprint, &files.of_frame(frame)) {
+        if job.resume && files.is_complete(frame, &fingerprint) {
             on_frame(&FrameOutcome::Kept { frame });
             continue;
         }
@@ -94,6 +110,13 @@ pub fn render(
             frame,
             fingerprint,
             version: env!("CARGO_PKG_VERSION").into(),
+            arguments: job.arguments.clone(),
+            scene: scene.path.to_string_lossy().into_owned(),
+            scene_sha256: scene.file_hash.clone(),
+            overrides: scene.overrides.clone(),
+            seed: scene.settings.render.seed,
+            resolution: scene.settings.film.resolution,
+            crop: job.crop.map(|crop| [crop.x0, crop.y0, crop.x1, crop.y1]),
             spp: scene.settings.film.spp,
             ..Sidecar::default()
         };
@@ -102,10 +125,53 @@ pub fn render(
             Some(studio) => studio,
             none => none.insert(Studio::build(scene, progress, &mut record)?),
         };
-        let film = studio.take_picture(scene, frame, job.crop, progress, &mut record)?;
-        write_frame(scene, &files, film, &sidecar_file, progress, record, on_frame)?;
+        let view = render::build_view(scene, frame, job.crop);
+        let keeper = Keeper::new(scene, &view, &files, job, &record, progress);
+        let done = if job.resume { keeper.load() } else { Vec::new() };
+        record.tiles_resumed = done.iter().flatten().count();
+        let samples = job.samples.map(|[first, last]| first - 1..last);
+        let watcher = |ledger: &Ledger| keeper.look(ledger);
+        let ledger = Ledger::new(samples, done, Some(&watcher));
+        match studio.take_picture(scene, &view, frame, &ledger, progress, &mut record) {
+            Ok(spp) => record.spp = spp,
+            Err(error) => {
+                if error.is_cancelled() {
+                    keeper.save(&ledger);
+                }
+                return Err(error);
+            }
+        }
+        let tiles = ledger.tiles();
+        drop(ledger);
+        let path = if job.samples.is_some() {
+            write_part(&keeper, &files, &tiles, progress, &mut record)?
+        } else {
+            let film = tiles::canvas(&view).film(record.spp, &tiles);
+            drop(tiles);
+            let finish = finish_of(scene, &view, &record);
+            write_picture(&files.target(frame), film, finish, progress, &mut record)?
+        };
+        keeper.forget();
+        on_frame(&FrameOutcome::Made { path, record: Box::new(record) });
     }
     Ok(())
+}
+
+/// Frames of a job, of those that it lists, that are not finished or were made from something else.
+///
+/// # Errors
+/// Where an input file cannot be read.
+pub fn missing(scene: &Scene, job: &RenderJob) -> Result<Vec<i32>, Error> {
+    let files = OutputFiles::new(scene, job.samples)?;
+    check_distinct(&job.frames, |frame| files.image(frame))?;
+    let inputs = InputHash::new(scene, job.crop)?;
+    let mut missing = Vec::new();
+    for &frame in &job.frames {
+        if !files.is_complete(frame, &inputs.fingerprint(scene, frame)?) {
+            missing.push(frame);
+        }
+    }
+    Ok(missing)
 }
 
 /// The light of one frame: what [`render`] writes, for whoever goes on with it in memory.
@@ -114,7 +180,11 @@ pub fn render(
 /// The first that any stage meets.
 pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn Progress) -> Result<Film, Error> {
     let mut record = Sidecar::default();
-    Studio::build(scene, progress, &mut record)?.take_picture(scene, frame, crop, progress, &mut record)
+    let view = render::build_view(scene, frame, crop);
+    let ledger = Ledger::new(None, Vec::new(), None);
+    let mut studio = Studio::build(scene, progress, &mut record)?;
+    let spp = studio.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
+    Ok(tiles::canvas(&view).film(spp, &ledger.tiles()))
 }
 
 /// What to bake.
@@ -158,9 +228,6 @@ pub fn bake(
     }
     Ok(())
 }
-
-/// Largest number of half precision.
-const HALF_MAX: f32 = 65504.0;
 
 /// Share of light lost with paths that are cut above which people are told.
 const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
@@ -245,14 +312,16 @@ impl Studio {
         Ok(Self { geometry, world, textures, smoke, volumes })
     }
 
+    /// Fills the ledger; how many paths a pixel has at most.
     fn take_picture(
         &mut self,
         scene: &Scene,
+        view: &View,
         frame: i32,
-        crop: Option<PixelBounds>,
+        ledger: &Ledger,
         progress: &dyn Progress,
         record: &mut Sidecar,
-    ) -> Result<Film, Error> {
+    ) -> Result<u32, Error> {
         let grid = self.smoke.grid(scene, frame, smoke_heat(scene), progress, record)?;
         let start = Instant::now();
         let medium = grid
@@ -282,7 +351,6 @@ impl Studio {
         let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
         let media = Media::new(medium.as_ref(), &volumes);
         check_camera(scene, &[frame])?;
-        let mut view = render::build_view(scene, frame, crop);
         let moved;
         let time = time_of(scene, frame);
         let frames = &scene.settings.frames;
@@ -300,8 +368,10 @@ impl Studio {
                 &moved
             }
         };
+        let mut view = view.clone();
         render::take_time(&mut view, scene, shutter);
-        let most = view.bounds.area() as u64 * u64::from(view.spp);
+        let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
+        let most = view.bounds.area() as u64 * paths as u64;
         let motion = view.layers.contains(&Layer::Motion).then(|| {
             let seconds = scene.settings.frames.fps.recip();
             let flow = self.smoke.flow().map(|flow| flow.span(time, seconds));
@@ -311,15 +381,17 @@ impl Studio {
             motion.next_camera = next_camera;
             motion
         });
-        let film = timed(progress, Stage::Render, record, most, || {
-            tiles::render_media(&view, world, media, motion.as_ref(), progress)
+        let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
+        let spp = timed(progress, Stage::Render, record, most, || {
+            tiles::render_to(ledger, &view, world, media, motion.as_ref(), progress)
         })?;
+        let mut paths = PathCounts::default();
+        ledger.tiles().iter().flatten().for_each(|tile| paths.add(&tile.counts));
         let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
-        let traced = film.paths.traced.max(1) as f64;
-        record.samples_per_second = traced / seconds.max(1e-9);
-        record.spp = film.spp;
-        record.truncated_paths = film.paths.truncated as f64 / traced;
-        record.truncated_light = film.paths.truncated_throughput / traced;
+        let traced = paths.traced.max(1) as f64;
+        record.samples_per_second = (paths.traced - resumed) as f64 / seconds.max(1e-9);
+        record.truncated_paths = paths.truncated as f64 / traced;
+        record.truncated_light = paths.truncated_throughput / traced;
         if record.truncated_light > TRUNCATED_LIGHT_NOTED {
             progress.note(&format!(
                 "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
@@ -328,7 +400,7 @@ impl Studio {
                 100.0 * record.truncated_light
             ));
         }
-        Ok(film)
+        Ok(spp)
     }
 }
 
@@ -397,109 +469,6 @@ fn build_geometry(scene: &Scene, progress: &dyn Progress) -> Result<Geometry, Ge
     let geometry = Geometry::build(scene, progress)?;
     geometry.warnings.iter().for_each(|warning| progress.note(warning));
     Ok(geometry)
-}
-
-/// Makes sure that a sequence can be written, from the files of each frame: the first and the last are tried, and none
-/// may be the name of a folder.
-fn check_writable<F>(frames: impl ExactSizeIterator<Item = F>) -> Result<(), OutputError>
-where
-    F: IntoIterator<Item = PathBuf>,
-{
-    let last = frames.len().saturating_sub(1);
-    for (i, files) in frames.enumerate() {
-        let is_tried = i == 0 || i == last;
-        files
-            .into_iter()
-            .try_for_each(|path| if is_tried { file::check_writable(&path) } else { file::check_no_folder(&path) })?;
-    }
-    Ok(())
-}
-
-/// Names of a sequence's files.
-struct OutputFiles {
-    image: Pattern,
-    preview: Option<Pattern>,
-    scene_name: String,
-}
-
-impl OutputFiles {
-    fn new(scene: &Scene) -> Result<Self, Error> {
-        let output = &scene.settings.output;
-        Ok(Self {
-            image: parse_pattern(&output.image)?,
-            preview: output.preview.as_deref().map(parse_pattern).transpose()?,
-            scene_name: scene.name().into(),
-        })
-    }
-
-    fn image(&self, frame: i32) -> PathBuf {
-        self.image.expand(frame, &self.scene_name).into()
-    }
-
-    fn preview(&self, frame: i32) -> Option<PathBuf> {
-        self.preview.as_ref().map(|p| p.expand(frame, &self.scene_name).into())
-    }
-
-    /// All files of a frame but the sidecar, the picture first.
-    fn of_frame(&self, frame: i32) -> Vec<PathBuf> {
-        [self.image(frame)].into_iter().chain(self.preview(frame)).collect()
-    }
-}
-
-fn write_frame(
-    scene: &Scene,
-    files: &OutputFiles,
-    film: Film,
-    sidecar_file: &Path,
-    progress: &dyn Progress,
-    mut record: Sidecar,
-    on_frame: &mut dyn FnMut(&FrameOutcome),
-) -> Result<(), Error> {
-    let settings = &scene.settings;
-    let origin = Origin {
-        scene_hash: record.fingerprint.clone(),
-        seed: settings.render.seed,
-        frame: record.frame,
-        fps: settings.frames.fps,
-        shutter: settings.frames.shutter,
-        camera: render::build_view(scene, record.frame, None).camera,
-    };
-    let cut = film.pixels.iter().filter(|pixel| pixel.mean.max_element() > HALF_MAX).count();
-    if cut > 0 {
-        progress.note(&format!(
-            "frame {}: {cut} pixels are brighter than {HALF_MAX} W/(m² sr), the most that the picture's half precision holds, and \
-             are cut there; dim the lights that are seen, or hide them with `visible: false`",
-            record.frame
-        ));
-    }
-    let mut written = Vec::new();
-    let start = Instant::now();
-    progress.begin(Stage::Write, 0);
-    let preview =
-        files.preview(record.frame).map(|path| Ok::<_, Error>((path, encode_preview(&film, &settings.output)?)));
-    let image = image_of_film(&film, SampleKind::Half, &origin);
-    // The picture takes as much again, and the encoder more.
-    drop(film);
-    written.push((files.image(record.frame), exr::write(&image, settings.output.compression.into())?));
-    drop(image);
-    written.extend(preview.transpose()?);
-    for (path, bytes) in &written {
-        file::write_atomic(path, bytes)?;
-        record.add_file(sidecar_file, path, bytes);
-    }
-    progress.end(Stage::Write);
-    record.add_time(Stage::Write, start.elapsed());
-    record.memory_peak = sidecar::memory_peak();
-    record.host = sidecar::this_host(parallel::thread_count());
-    // Last: where it stands, the frame is whole.
-    record.write(sidecar_file)?;
-    on_frame(&FrameOutcome::Made(Box::new(record)));
-    Ok(())
-}
-
-fn encode_preview(film: &Film, output: &settings::Output) -> Result<Vec<u8>, OutputError> {
-    let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
-    png::encode(&rgb, [film.bounds.width(), film.bounds.height()], output.view.into(), output.exposure_ev)
 }
 
 fn parse_pattern(text: &str) -> Result<Pattern, Error> {

@@ -40,6 +40,12 @@ pub trait Progress: Sync {
     fn end(&self, _stage: Stage) {}
     /// Something a person should know that is no error.
     fn note(&self, _text: &str) {}
+    /// Files are being written besides the stage of that name: what should not be cut short.
+    fn set_writing(&self, _is_writing: bool) {}
+    /// True once each time somebody asked for a picture of what is done so far.
+    fn takes_snapshot(&self) -> bool {
+        false
+    }
     /// True when the work should stop as soon as it can without leaving anything half done.
     fn is_cancelled(&self) -> bool {
         false

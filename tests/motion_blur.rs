@@ -335,7 +335,7 @@ fn a_frame_made_alone_is_that_of_a_sequence() {
         let image = folder.path().join(name).join("####.exr").display().to_string();
         std::fs::create_dir(folder.path().join(name)).unwrap();
         let scene = scene_with(TURNING, &[("output.image", format!("{image:?}"))]);
-        let job = RenderJob { frames, crop: None, resume: false };
+        let job = RenderJob { frames, ..RenderJob::default() };
         pipeline::render(&scene, &job, &Silent, &mut |_| {}).unwrap();
         std::fs::read(folder.path().join(name).join("0006.exr")).unwrap()
     };

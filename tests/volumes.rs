@@ -406,10 +406,10 @@ output: {{image: {}/out.exr, aovs: [transmittance]}}
     let both = transmittance(&mixed);
     assert!(alone < 0.5 && (alone - both).abs() < 1e-5, "{alone} {both}");
     // A frame is made again when the file of a volume changes.
-    let job = RenderJob { frames: vec![1], crop: None, resume: true };
+    let job = RenderJob { frames: vec![1], resume: true, ..RenderJob::default() };
     let made = || {
         let mut made = false;
-        pipeline::render(&mixed, &job, &Silent, &mut |outcome| made = matches!(outcome, FrameOutcome::Made(_)))
+        pipeline::render(&mixed, &job, &Silent, &mut |outcome| made = matches!(outcome, FrameOutcome::Made { .. }))
             .unwrap();
         made
     };

@@ -2,7 +2,7 @@
 
 use crate::cli::places::{self, Extent, Length, Plane};
 use crate::cli::progress::Style;
-use crate::cli::values::{Crop, Memory, Override, Resolution};
+use crate::cli::values::{self, Crop, Memory, Override, Resolution, Samples};
 use crate::inspect::slice_picture::Quantity;
 use crate::output::view::View;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -29,6 +29,12 @@ pub enum Verb {
     /// Render the frames of a scene to EXR and PNG
     #[command(after_help = "Example: curlsmoke render scenes/plume.yaml --frames 1-96x2 --resolution 50% --resume")]
     Render(RenderArguments),
+    /// Join parts of pictures that `render --samples` made into what one run would have written
+    #[command(after_help = "Example: curlsmoke merge out/ring.*.part -o out/ring.exr")]
+    Merge(MergeArguments),
+    /// Print a ready job for a render farm
+    #[command(subcommand, after_help = "Example: curlsmoke farm slurm scenes/plume.yaml --chunk 8 > plume.sbatch")]
+    Farm(FarmVerb),
     /// Check scenes and report every problem with its place
     #[command(after_help = "Example: curlsmoke check scenes/*.yaml")]
     Check(CheckArguments),
@@ -131,15 +137,76 @@ pub struct RenderArguments {
     /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
     #[arg(long, value_name = "EDGES")]
     pub crop: Option<Crop>,
-    /// Leave frames alone that are finished and made from this very scene
-    #[arg(long)]
+    /// Trace these paths of each pixel only, counted from 1, as in 1-64, to a .part file
+    /// beside the picture; `curlsmoke merge` joins such parts
+    #[arg(long, value_name = "FIRST-LAST", conflicts_with_all = ["noise_target", "time_limit"], verbatim_doc_comment)]
+    pub samples: Option<Samples>,
+    /// Leave frames alone that are finished and made from this very scene, and go on
+    /// from checkpoints
+    #[arg(long, verbatim_doc_comment)]
     pub resume: bool,
+    /// How often to write a checkpoint of an unfinished frame beside the picture [s], for
+    /// --resume to go on from; a signal that ends the run writes one too. 0: never
+    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = values::seconds_or_none, verbatim_doc_comment)]
+    pub checkpoint_every: f64,
+    /// Print the frames that are not finished, or were made from another scene, as a list
+    /// for --frames, and make nothing
+    #[arg(long, conflicts_with_all = ["dry_run", "resume"], verbatim_doc_comment)]
+    pub missing: bool,
     /// Print what would be made, files and all, and make nothing
     #[arg(long)]
     pub dry_run: bool,
     /// Afterwards make a movie of all previews, with the system's ffmpeg: .mp4, .mov, .mkv or .webm
     #[arg(long, value_name = "FILE")]
     pub movie: Option<PathBuf>,
+}
+
+/// Flags of `merge`.
+#[derive(Debug, Args)]
+pub struct MergeArguments {
+    /// The parts (.part), of one frame or several, in any order
+    #[arg(required = true)]
+    pub parts: Vec<PathBuf>,
+    /// The picture (.exr), with #### for the frame where there are several; a preview
+    /// that the scene asks for goes beside it
+    #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
+    pub output: String,
+    /// Threads [default: one for each processor]; results never depend on it
+    #[arg(short = 'j', long, value_name = "COUNT")]
+    pub threads: Option<usize>,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// Farms.
+#[derive(Debug, Subcommand)]
+pub enum FarmVerb {
+    /// Print a template of Open Job Description, in YAML
+    #[command(after_help = "Example: curlsmoke farm openjd scenes/plume.yaml --chunk 8 --bake > plume.openjd.yaml")]
+    Openjd(FarmArguments),
+    /// Print a script for Slurm's sbatch
+    #[command(after_help = "Example: curlsmoke farm slurm scenes/plume.yaml --chunk 8 > plume.sbatch")]
+    Slurm(FarmArguments),
+}
+
+/// Flags of `farm`.
+#[derive(Debug, Args)]
+pub struct FarmArguments {
+    /// The scene file (YAML)
+    pub scene: PathBuf,
+    /// Frames to make: 1-96, 1-96x2 (every second), 1,3,7-9 [default: those of the scene]
+    #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
+    pub frames: Option<String>,
+    /// Frames that a task makes one after the other
+    #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub chunk: u32,
+    /// Bake the density to .vdb files (output.volume) first, and render from those
+    #[arg(long)]
+    pub bake: bool,
+    /// Change a setting of the scene, as in --set film.spp=64
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<Override>,
 }
 
 /// Flags of `bake`.

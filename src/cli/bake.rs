@@ -13,7 +13,7 @@ use crate::pipeline::{self, BakeJob};
 pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
     let scene = load_scene(&arguments.common, Vec::new())?;
     let frames = frames(&arguments.common, &scene)?;
-    start_threads(&arguments.common)?;
+    start_threads(arguments.common.threads)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
     let mut printed = Ok(());

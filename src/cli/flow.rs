@@ -70,7 +70,7 @@ pub(super) fn open(arguments: &InspectArguments) -> Result<(Scene, i32, Inspecti
     let common = arguments.to_frame_arguments();
     let scene = load_scene(&common, Vec::new())?;
     let frame = frames(&common, &scene)?.first().copied().unwrap_or(scene.settings.frames.first);
-    start_threads(&common)?;
+    start_threads(common.threads)?;
     let inspection = pipeline::inspection(&scene, frame)?;
     inspection.warnings().iter().for_each(|warning| log(warning));
     Ok((scene, frame, inspection))

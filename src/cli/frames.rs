@@ -29,8 +29,13 @@ pub fn set_by_hand(arguments: &FrameArguments) -> Vec<(String, String)> {
 
 /// The frames to make: those of `--frames`, or all of the scene.
 pub fn frames(arguments: &FrameArguments, scene: &Scene) -> Result<Vec<i32>, Error> {
+    list_of(arguments.frames.as_deref(), scene)
+}
+
+/// The same from the text of `--frames`.
+pub fn list_of(text: Option<&str>, scene: &Scene) -> Result<Vec<i32>, Error> {
     let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
-    let Some(text) = &arguments.frames else { return Ok((first..=last).collect()) };
+    let Some(text) = text else { return Ok((first..=last).collect()) };
     let list = frames::parse(text)?;
     if list.duplicate_count > 0 {
         log(&format!("note: {} frames are listed more than once and made once", list.duplicate_count));
@@ -63,11 +68,11 @@ fn ways_to_have(frames: &[i32], first: i32, last: i32) -> String {
 }
 
 /// Makes the pool of threads that all stages use.
-pub fn start_threads(arguments: &FrameArguments) -> Result<(), Error> {
+pub fn start_threads(threads: Option<usize>) -> Result<(), Error> {
     /// More threads than this are a slip of the finger.
     const THREADS_MAX: usize = 512;
-    let count = arguments.threads.unwrap_or(0);
-    if arguments.threads == Some(0) || count > THREADS_MAX {
+    let count = threads.unwrap_or(0);
+    if threads == Some(0) || count > THREADS_MAX {
         return Err(Error::Usage(format!("--threads {count}: write a number from 1 to {THREADS_MAX}")));
     }
     rayon::ThreadPoolBuilder::new()

@@ -6,8 +6,10 @@ mod bake;
 mod check;
 mod compare;
 mod denoise;
+mod farm;
 mod flow;
 mod frames;
+mod merge;
 mod places;
 mod points;
 pub mod progress;
@@ -49,6 +51,8 @@ pub fn run() -> u8 {
     };
     let result = match arguments.verb {
         Verb::Render(arguments) => render::run(&arguments),
+        Verb::Merge(arguments) => merge::run(&arguments),
+        Verb::Farm(verb) => farm::run(&verb),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Schema => check::schema(),
         Verb::Bake(arguments) => bake::run(&arguments),
@@ -81,6 +85,11 @@ fn report(error: &Error) {
 /// Prints a line on standard error. A reader that went away is no failure.
 fn log(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// What the program was started with.
+fn command_line() -> Vec<String> {
+    std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect()
 }
 
 /// Prints a result on standard output. A reader that went away is no failure, a full disk is.

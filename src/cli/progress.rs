@@ -22,6 +22,10 @@ pub enum Style {
     Plain,
     /// A JSON object for each event, and every second
     Json,
+    /// Lines for workers of Open Job Description, as openjd_progress: 12.5
+    Openjd,
+    /// Lines for RenderMan's Alfred and what reads its, as ALF_PROGRESS 12%
+    Alfred,
     /// Nothing
     None,
 }
@@ -49,6 +53,9 @@ struct State {
     last_line: Instant,
     pace: Pace,
     is_set_up: bool,
+    /// The line of farms that was shown last, and the share it told, which never falls.
+    farm_line: String,
+    farm_share: f64,
 }
 
 impl Reporter {
@@ -82,6 +89,8 @@ impl Reporter {
             last_line: now,
             pace: Pace::default(),
             is_set_up: false,
+            farm_line: String::new(),
+            farm_share: 0.0,
         };
         Self { style, signals, bar, done: AtomicU64::new(0), state: Mutex::new(state) }
     }
@@ -94,6 +103,12 @@ impl Reporter {
     /// The work is over.
     pub fn finish(&self, exit_code: u8, message: &str) {
         self.bar.finish_and_clear();
+        if exit_code == 0 {
+            self.show_share(&mut self.lock(), 1.0);
+        } else if self.style == Style::Openjd {
+            // Messages are lines.
+            self.line(&format!("openjd_fail: {}", message.lines().collect::<Vec<_>>().join(" ")));
+        }
         let event = if exit_code == 0 { "completed" } else { "failed" };
         self.event(json!({
             "event": event, "exit_code": exit_code, "message": message, "seconds": self.lock().start.elapsed().as_secs_f64(),
@@ -118,6 +133,21 @@ impl Reporter {
         }
     }
 
+    /// Tells farms the share of all work that is done.
+    fn show_share(&self, state: &mut State, share: f64) {
+        state.farm_share = share.max(state.farm_share);
+        let percent = 100.0 * state.farm_share;
+        let line = match self.style {
+            Style::Openjd => format!("openjd_progress: {percent:.1}"),
+            Style::Alfred => format!("ALF_PROGRESS {percent:.0}%"),
+            _ => return,
+        };
+        if line != state.farm_line {
+            self.line(&line);
+            state.farm_line = line;
+        }
+    }
+
     fn show(&self, state: &mut State, done: u64) {
         state.last_line = Instant::now();
         match self.style {
@@ -134,6 +164,12 @@ impl Reporter {
                 "total": state.total, "fraction": fraction(state, done),
                 "seconds_left": seconds_left(state, done),
             })),
+            Style::Openjd | Style::Alfred => {
+                self.show_share(state, fraction(state, done));
+                if self.style == Style::Openjd {
+                    self.line(&format!("openjd_status: frame {}: {}", state.frame, status(state, done)));
+                }
+            }
             Style::Auto | Style::None => {}
         }
     }
@@ -141,7 +177,7 @@ impl Reporter {
     fn interval(&self) -> Duration {
         match self.style {
             Style::Tty => Duration::from_millis(125),
-            Style::Json => Duration::from_secs(1),
+            Style::Json | Style::Openjd | Style::Alfred => Duration::from_secs(1),
             _ => Duration::from_secs(10),
         }
     }
@@ -156,6 +192,10 @@ impl Progress for Reporter {
         state.work_start = state.frame_start;
         self.bar.set_prefix(format!("frame {frame} ({}/{count})", index + 1));
         self.event(json!({"event": "frame", "frame": frame, "index": index, "count": count}));
+        self.show_share(state, index as f64 / count.max(1) as f64);
+        if self.style == Style::Openjd {
+            self.line(&format!("openjd_status: frame {frame} ({} of {count})", index + 1));
+        }
     }
 
     fn begin(&self, stage: Stage, total: u64) {
@@ -211,14 +251,25 @@ impl Progress for Reporter {
             self.line(&text);
         }
         state.stage = None;
+        if stage == Stage::Write && state.count > 0 {
+            self.show_share(state, fraction(state, 0));
+        }
     }
 
     fn note(&self, text: &str) {
         match self.style {
             Style::None => {}
             Style::Json => self.event(json!({"event": "note", "message": text})),
-            Style::Tty | Style::Plain | Style::Auto => self.line(text),
+            Style::Tty | Style::Plain | Style::Auto | Style::Openjd | Style::Alfred => self.line(text),
         }
+    }
+
+    fn set_writing(&self, is_writing: bool) {
+        self.signals.set_writing(is_writing);
+    }
+
+    fn takes_snapshot(&self) -> bool {
+        self.signals.takes_snapshot()
     }
 
     fn is_cancelled(&self) -> bool {

@@ -4,7 +4,8 @@ use crate::cli::args::RenderArguments;
 use crate::cli::frames::{frames, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
-use crate::cli::{STOPPED, log, print_result, report};
+use crate::cli::values::Samples;
+use crate::cli::{STOPPED, command_line, log, print_result, report};
 use crate::error::Error;
 use crate::output::file::check_writable;
 use crate::output::frames::check_distinct;
@@ -14,6 +15,7 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::scene::pattern::{Pattern, spell};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Renders; the exit code.
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
@@ -22,14 +24,34 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     let resolution = scene.settings.film.resolution;
     let crop = arguments.crop.map(|crop| crop.bounds(resolution)).transpose().map_err(Error::Usage)?;
     let names = Names::of(&scene)?;
+    let samples = arguments.samples.map(|samples| samples_of(samples, &scene)).transpose()?;
     let movie = arguments.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &frames)).transpose()?;
-    if arguments.dry_run {
-        return describe(&scene, &frames, &names).map(|()| 0);
+    let checkpoint = Some(arguments.checkpoint_every).filter(|&seconds| seconds > 0.0).map(Duration::from_secs_f64);
+    let resume = arguments.resume;
+    let job = RenderJob { frames, crop, resume, samples, checkpoint, arguments: command_line() };
+    if arguments.missing {
+        let missing = pipeline::missing(&scene, &job)?;
+        log(&format!("{} of {} frames are missing", missing.len(), job.frames.len()));
+        // Nothing at all where nothing is missing, so that a shell sees an empty text.
+        return if missing.is_empty() { Ok(0) } else { print_result(&spell(&missing)).map(|()| 0) };
     }
-    start_threads(&arguments.common)?;
+    if arguments.dry_run {
+        return describe(&scene, &job.frames, &names).map(|()| 0);
+    }
+    start_threads(arguments.common.threads)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
-    let job = RenderJob { frames, crop, resume: arguments.resume };
+    // What a log needs for making the same again; sidecars have all of it.
+    reporter.note(&format!(
+        "curlsmoke {}: {} (SHA-256 {}), seed {}, frames {}, {} paths a pixel{}",
+        env!("CARGO_PKG_VERSION"),
+        scene.path.display(),
+        scene.file_hash,
+        scene.settings.render.seed,
+        spell(&job.frames),
+        scene.settings.film.spp,
+        samples.map(|[first, last]| format!(", of which {first} to {last}")).unwrap_or_default()
+    ));
     let mut printed = Ok(());
     let result = pipeline::render(&scene, &job, &reporter, &mut |outcome| {
         let line = names.line(outcome);
@@ -90,6 +112,23 @@ pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: 
     Ok(code)
 }
 
+/// The paths to trace, which must be among those of the scene and known beforehand.
+fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Error> {
+    let ([first, last], film) = (samples.0, &scene.settings.film);
+    let problem = if film.noise_target.is_some() {
+        "does not go with film.noise_target: how many paths a pixel needs is told by its neighbours' noise, which a part of them \
+         does not know; leave out the one or the other"
+    } else if film.time_limit.is_some() {
+        "does not go with film.time_limit: how many paths there is time for is not known beforehand; leave out the one or the \
+         other"
+    } else if last > film.spp {
+        &format!("there are paths 1-{} a pixel (film.spp)", film.spp)
+    } else {
+        return Ok([first, last]);
+    };
+    Err(Error::Usage(format!("--samples {first}-{last}: {problem}")))
+}
+
 /// The scene with the flags of `render` applied.
 fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     let mut overrides = Vec::new();
@@ -145,9 +184,9 @@ impl Names {
     fn line(&self, outcome: &FrameOutcome) -> String {
         match outcome {
             FrameOutcome::Kept { frame } => self.image(*frame).display().to_string(),
-            FrameOutcome::Made(record) => format!(
+            FrameOutcome::Made { path, record } => format!(
                 "{}  {}, {} samples/s",
-                self.image(record.frame).display(),
+                path.display(),
                 duration(record.seconds.values().sum()),
                 count(record.samples_per_second)
             ),

@@ -1,9 +1,9 @@
-//! The first Ctrl-C, TERM or HUP asks the work to stop at the next safe place; the second ends the program at once, and
+//! USR1 asks for a picture of what is done so far. The first Ctrl-C, TERM or HUP asks the work to stop at the next safe place; the second ends the program at once, and
 //! so does time where the work does not come to such a place soon. No file is ever left half written under its final
 //! name.
 
 use crate::cli::{STOPPED, log};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 use std::io;
 use std::sync::Arc;
@@ -19,6 +19,7 @@ const GRACE: Duration = Duration::from_secs(3);
 pub struct Signals {
     number: Arc<AtomicUsize>,
     is_writing: Arc<AtomicBool>,
+    asks_for_snapshot: Arc<AtomicBool>,
 }
 
 impl Signals {
@@ -35,6 +36,7 @@ impl Signals {
             flag::register(signal, Arc::clone(&again))?;
             flag::register_usize(signal, Arc::clone(&signals.number), signal as usize)?;
         }
+        flag::register(SIGUSR1, Arc::clone(&signals.asks_for_snapshot))?;
         let watched = signals.clone();
         thread::Builder::new().name("signals".into()).spawn(move || watched.watch())?;
         Ok(signals)
@@ -46,6 +48,11 @@ impl Signals {
             0 => None,
             number => u8::try_from(number).ok(),
         }
+    }
+
+    /// Whether USR1 came since this was last asked.
+    pub fn takes_snapshot(&self) -> bool {
+        self.asks_for_snapshot.swap(false, Ordering::Relaxed)
     }
 
     /// Files are being written, which no signal but the second cuts short.

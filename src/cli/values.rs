@@ -87,6 +87,28 @@ impl Crop {
     }
 }
 
+/// Paths of each pixel as typed: the first and the last, from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Samples(pub [u32; 2]);
+
+impl FromStr for Samples {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let help = || format!("`{text}` are no paths; write the first and the last, counted from 1, as in 1-64");
+        let (first, last) = text.split_once('-').ok_or_else(help)?;
+        let number = |text: &str| text.trim().parse::<u32>().map_err(|_| help());
+        let [first, last] = [number(first)?, number(last)?];
+        if first >= 1 && first <= last { Ok(Self([first, last])) } else { Err(help()) }
+    }
+}
+
+/// A time as typed [s], 0 or more.
+pub fn seconds_or_none(text: &str) -> Result<f64, String> {
+    let seconds = text.trim().parse::<f64>().ok().filter(|s| s.is_finite() && (0.0..=1e9).contains(s));
+    seconds.ok_or_else(|| format!("`{text}` is no time; write seconds, as in 300, or 0 for never"))
+}
+
 /// An amount of memory as typed [GiB].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Memory(pub f64);

@@ -2,6 +2,7 @@
 
 pub mod aabb;
 pub mod dual;
+pub mod exact_sum;
 pub mod hash;
 pub mod interpolate;
 pub mod jet;

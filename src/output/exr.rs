@@ -11,12 +11,13 @@ use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude as codec;
 use ::exr::prelude::{ReadChannels, ReadLayers};
 use half::f16;
+use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// How pixels are packed. All are lossless.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Compression {
     /// Not at all.
     None,

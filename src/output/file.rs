@@ -15,6 +15,17 @@ use std::path::{Path, PathBuf};
 /// [`OutputError::Unwritable`] when the folder cannot be made or written or the disk is full; the temporary file is
 /// removed and what was under the final name before is untouched.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    write_atomic_with(path, &mut |file| file.write_all(bytes))
+}
+
+/// As [`write_atomic`], for what is too large to be held at once: `write` is called once.
+///
+/// # Errors
+/// As there, and with what `write` says.
+pub fn write_atomic_with(
+    path: &Path,
+    write: &mut dyn FnMut(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), OutputError> {
     let unwritable = |cause: io::Error| OutputError::Unwritable { path: path.into(), cause };
     let name = path.file_name().ok_or_else(|| unwritable(io::ErrorKind::InvalidInput.into()))?.to_string_lossy();
     let folder = folder_of(path);
@@ -22,7 +33,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     remove_stale(&folder, &name);
     let temporary = folder.join(temporary_name(&name, std::process::id()));
     let written = File::create(&temporary).and_then(|mut file| {
-        file.write_all(bytes)?;
+        write(&mut file)?;
         file.sync_all()
     });
     if let Err(cause) = written.and_then(|()| fs::rename(&temporary, path)) {

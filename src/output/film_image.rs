@@ -25,6 +25,11 @@ pub struct Origin {
 
 /// The film as a picture: `R G B A` first, in half precision unless `kind` says otherwise, then its layers.
 pub fn image_of_film(film: &Film, kind: SampleKind, origin: &Origin) -> Image {
+    image_with(film, kind, attributes(film.spp, &film.layers, origin))
+}
+
+/// As [`image_of_film`], with [`attributes`] that are known already.
+pub fn image_with(film: &Film, kind: SampleKind, attributes: Vec<(String, Attribute)>) -> Image {
     let b = film.bounds;
     let mut image = Image::cropped(film.resolution, [b.x0, b.y0, b.x1, b.y1]);
     image.push_rgb("", kind, &film.pixels.iter().map(|p| p.mean.to_array()).collect::<Vec<_>>());
@@ -41,31 +46,32 @@ pub fn image_of_film(film: &Film, kind: SampleKind, origin: &Origin) -> Image {
     for (i, (name, kind)) in channels.into_iter().enumerate() {
         image.push(name, kind, film.layer_data.iter().skip(i).step_by(stride).copied().collect());
     }
-    describe(&mut image, film, origin);
-    for layer in &film.layers {
-        if let Layer::Cryptomatte(names) = layer {
-            for (key, text) in cryptomatte::attributes(names) {
-                image.set_attribute(key, Attribute::Text(text));
-            }
-        }
-    }
+    attributes.into_iter().for_each(|(key, value)| image.set_attribute(key, value));
     image
 }
 
-fn describe(image: &mut Image, film: &Film, origin: &Origin) {
+/// What a picture says of itself, with at most `spp` paths a pixel.
+pub fn attributes(spp: u32, layers: &[Layer], origin: &Origin) -> Vec<(String, Attribute)> {
     let text = |s: &str| Attribute::Text(s.into());
-    image.set_attribute("curlsmoke/version", text(env!("CARGO_PKG_VERSION")));
-    image.set_attribute("curlsmoke/scene", text(&origin.scene_hash));
-    image.set_attribute("curlsmoke/seed", text(&origin.seed.to_string()));
-    image.set_attribute("curlsmoke/frame", Attribute::Int(origin.frame));
-    image.set_attribute("curlsmoke/spp", Attribute::Int(film.spp.min(i32::MAX as u32) as i32));
-    image.set_attribute("curlsmoke/shutter", Attribute::Float2(origin.shutter.map(|x| x as f32)));
-    image.set_attribute("software", text(concat!("curlsmoke ", env!("CARGO_PKG_VERSION"))));
-    // The name of linear light of Rec. 709 primaries among the colour spaces of the Color Interop Forum.
-    image.set_attribute("colorInteropID", text("lin_rec709_scene"));
-    image.set_attribute("worldToCamera", Attribute::Matrix(origin.camera.world_to_camera()));
-    if let Some(matrix) = origin.camera.world_to_ndc() {
-        image.set_attribute("worldToNDC", Attribute::Matrix(matrix));
+    let mut all = vec![
+        ("curlsmoke/version", text(env!("CARGO_PKG_VERSION"))),
+        ("curlsmoke/scene", text(&origin.scene_hash)),
+        ("curlsmoke/seed", text(&origin.seed.to_string())),
+        ("curlsmoke/frame", Attribute::Int(origin.frame)),
+        ("curlsmoke/spp", Attribute::Int(spp.min(i32::MAX as u32) as i32)),
+        ("curlsmoke/shutter", Attribute::Float2(origin.shutter.map(|x| x as f32))),
+        ("software", text(concat!("curlsmoke ", env!("CARGO_PKG_VERSION")))),
+        // The name of linear light of Rec. 709 primaries among the colour spaces of the Color Interop Forum.
+        ("colorInteropID", text("lin_rec709_scene")),
+        ("worldToCamera", Attribute::Matrix(origin.camera.world_to_camera())),
+    ];
+    all.extend(origin.camera.world_to_ndc().map(|matrix| ("worldToNDC", Attribute::Matrix(matrix))));
+    all.push(("framesPerSecond", Attribute::Rational((origin.fps * 1000.0).round() as i32, 1000)));
+    let mut all: Vec<(String, Attribute)> = all.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+    for layer in layers {
+        if let Layer::Cryptomatte(names) = layer {
+            all.extend(cryptomatte::attributes(names).into_iter().map(|(key, text)| (key, Attribute::Text(text))));
+        }
     }
-    image.set_attribute("framesPerSecond", Attribute::Rational((origin.fps * 1000.0).round() as i32, 1000));
+    all
 }

@@ -1,5 +1,7 @@
 //! A picture: named channels over a rectangle of pixels, and what is known about it.
 
+use serde::{Deserialize, Serialize};
+
 /// How a channel's numbers are kept in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SampleKind {
@@ -31,7 +33,7 @@ pub struct Channel {
 }
 
 /// What is known about a picture besides its pixels.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Attribute {
     /// Text.
     Text(String),

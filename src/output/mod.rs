@@ -12,6 +12,8 @@ pub mod heat_map;
 pub mod image;
 pub mod movie;
 pub mod oidn;
+pub mod part;
+pub mod part_set;
 pub mod png;
 pub mod sidecar;
 pub mod view;

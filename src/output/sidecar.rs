@@ -25,9 +25,27 @@ pub struct Sidecar {
     pub fingerprint: String,
     /// Version of the program.
     pub version: String,
+    /// What the program was started with, its name first.
+    pub arguments: Vec<String>,
+    /// The scene file, as it was named.
+    pub scene: String,
+    /// SHA-256 of the scene file, in hexadecimal digits.
+    pub scene_sha256: String,
+    /// Keys of the scene that flags have set, in order: key and value.
+    pub overrides: Vec<(String, String)>,
+    /// Seed of the scene.
+    pub seed: u64,
+    /// Size of the whole picture [pixels].
+    pub resolution: [u32; 2],
+    /// The part of it that was rendered, where it is a part: first column and row, and one past the last.
+    pub crop: Option<[u32; 4]>,
+    /// Tiles of the picture that were taken from a checkpoint; the times are without them.
+    pub tiles_resumed: usize,
+    /// The parts that it was merged from.
+    pub parts: Vec<MergedPart>,
     /// The files of the frame, this one not included.
     pub files: Vec<WrittenFile>,
-    /// Time spent by stage [s].
+    /// Time spent by stage [s]; of a merged frame, by all its parts together.
     pub seconds: BTreeMap<String, f64>,
     /// Samples per pixel.
     pub spp: u32,
@@ -56,6 +74,22 @@ pub struct Sidecar {
     pub mass: MassFigures,
     /// Largest memory that the process has had so far [bytes].
     pub memory_peak: u64,
+    /// The machine.
+    pub host: Host,
+}
+
+/// A part of the paths, traced by a run of its own.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MergedPart {
+    /// Name of its file, without the folder.
+    pub name: String,
+    /// Its first and last path of each pixel, from 1.
+    pub samples: [u32; 2],
+    /// What its run was started with.
+    pub arguments: Vec<String>,
+    /// Time spent by stage [s].
+    pub seconds: BTreeMap<String, f64>,
     /// The machine.
     pub host: Host,
 }

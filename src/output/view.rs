@@ -1,7 +1,9 @@
 //! How light is mapped to the screen.
 
+use serde::{Deserialize, Serialize};
+
 /// How light is mapped to the screen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum View {
     /// Cut at 1, sRGB transfer curve.
     Standard,

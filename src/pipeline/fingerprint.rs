@@ -9,7 +9,7 @@ use crate::scene::{Scene, settings};
 use std::path::Path;
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
-const PICTURES: &str = "2026-11-23 e";
+const PICTURES: &str = "2026-11-23 f";
 
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {

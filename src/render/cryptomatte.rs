@@ -31,25 +31,30 @@ pub fn attributes(names: &[String]) -> Vec<(String, String)> {
 
 /// How many paths of a pixel met each shape first.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Coverage(Vec<(u32, f64)>);
+pub struct Coverage(Vec<(u32, u32)>);
 
 impl Coverage {
-    /// Adds a path that met a shape first.
-    pub fn add(&mut self, shape_idx: u32) {
+    /// Adds paths that met a shape first.
+    pub fn add(&mut self, shape_idx: u32, count: u32) {
         match self.0.iter_mut().find(|(known, _)| *known == shape_idx) {
-            Some((_, sum)) => *sum += 1.0,
-            None => self.0.push((shape_idx, 1.0)),
+            Some((_, sum)) => *sum = sum.saturating_add(count),
+            None => self.0.push((shape_idx, count)),
         }
+    }
+
+    /// Shapes that were met, and by how many paths each.
+    pub fn counts(&self) -> impl ExactSizeIterator<Item = (u32, u32)> + '_ {
+        self.0.iter().copied()
     }
 
     /// The numbers and shares of the shapes that cover most, of `count` paths; `ids` are the numbers of all shapes.
     pub fn ranked(&self, ids: &[u32], count: f64) -> [f32; 2 * RANKS] {
         let mut sorted = self.0.clone();
-        sorted.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        sorted.sort_by_key(|&(shape_idx, count)| (std::cmp::Reverse(count), shape_idx));
         let mut ranked = [0.0; 2 * RANKS];
         for (pair, (shape_idx, sum)) in ranked.chunks_mut(2).zip(sorted) {
             pair[0] = f32::from_bits(ids[shape_idx as usize]);
-            pair[1] = (sum / count) as f32;
+            pair[1] = (f64::from(sum) / count) as f32;
         }
         ranked
     }
@@ -95,7 +100,7 @@ mod tests {
     fn shapes_are_listed_by_what_they_cover() {
         let mut coverage = Coverage::default();
         for shape_idx in [2, 0, 2, 2, 1, 2, 0] {
-            coverage.add(shape_idx);
+            coverage.add(shape_idx, 1);
         }
         let ids = ["a", "b", "c"].map(id);
         let ranked = coverage.ranked(&ids, 10.0);

@@ -1,11 +1,12 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
+use crate::math::exact_sum::{CARRY_AFTER, ExactSquares, ExactSum};
 use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::Coverage;
 use crate::render::layers::{Layer, LayerSums, Middle};
 use crate::render::light_path::{FirstEvent, GROUP_MAX, Passage};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// A rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,21 +153,21 @@ impl Contribution {
     }
 }
 
-/// Running moments of radiance (Welford 1962), in f64 so that millions of samples do not stall.
+/// Sums of radiance and of its squares. They are exact, so that a pixel does not depend on how its paths are divided among
+/// machines.
 #[derive(Debug, Clone, Default)]
 pub struct Moments {
     count: u32,
-    mean: DVec3,
-    squares: DVec3,
+    sums: [ExactSum; 3],
+    squares: [ExactSquares; 3],
 }
 
 impl Moments {
+    #[inline]
     fn add(&mut self, radiance: Rgb) {
         self.count += 1;
-        let x = radiance.as_dvec3();
-        let delta = x - self.mean;
-        self.mean += delta * (1.0 / f64::from(self.count));
-        self.squares += delta * (x - self.mean);
+        let channels = self.squares.iter_mut().zip(&mut self.sums).zip(radiance.to_array());
+        channels.for_each(|((squares, sum), x)| squares.add_both(sum, x));
     }
 
     /// Paths.
@@ -178,28 +179,29 @@ impl Moments {
     /// Mean radiance.
     #[inline]
     pub fn mean(&self) -> Rgb {
-        self.mean.as_vec3()
+        let n = f64::from(self.count.max(1));
+        Rgb::from_array(self.sums.map(|sum| (sum.to_f64() / n) as f32))
     }
 
     /// Estimated variance of the mean; with one path it is unknown and stands as infinite.
     pub fn variance_of_mean(&self) -> Rgb {
-        self.variance_in_double().as_vec3()
-    }
-
-    fn variance_in_double(&self) -> DVec3 {
         let n = f64::from(self.count);
-        if self.count > 1 { self.squares / (n * (n - 1.0)) } else { DVec3::INFINITY }
+        if self.count < 2 {
+            return Rgb::INFINITY;
+        }
+        let spread = |i: usize| self.squares[i].spread(&self.sums[i], self.count);
+        Rgb::from_array([0, 1, 2].map(|i| (spread(i) / (n * n * (n - 1.0))) as f32))
     }
 }
 
-/// What the paths of one pixel add up to.
+/// What the paths of one pixel add up to: exact sums, which may be added in any order and in parts.
 #[derive(Debug, Clone)]
 pub struct PixelSum {
     moments: Moments,
-    alpha: f64,
+    alpha: ExactSum,
     /// Paths that met shadow catchers, and the sums of what they brought.
-    caught: f64,
-    shadow: [f64; 2],
+    caught: u32,
+    shadow: [ExactSum; 2],
     coverage: Coverage,
     layers: LayerSums,
 }
@@ -209,9 +211,9 @@ impl PixelSum {
     pub fn new(layers: &[Layer]) -> Self {
         Self {
             moments: Moments::default(),
-            alpha: 0.0,
-            caught: 0.0,
-            shadow: [0.0; 2],
+            alpha: ExactSum::default(),
+            caught: 0,
+            shadow: [ExactSum::default(); 2],
             coverage: Coverage::default(),
             layers: LayerSums::new(layers),
         }
@@ -221,15 +223,87 @@ impl PixelSum {
     #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
         self.moments.add(path.radiance);
-        self.alpha += f64::from(path.alpha);
+        self.alpha.add(path.alpha);
         if let Some(shape_idx) = path.shape_idx {
-            self.coverage.add(shape_idx);
+            self.coverage.add(shape_idx, 1);
         }
         if let Some(shadow) = path.shadow {
-            self.caught += 1.0;
-            (0..2).for_each(|i| self.shadow[i] += f64::from(shadow[i]));
+            self.caught += 1;
+            self.shadow.iter_mut().zip(shadow).for_each(|(sum, x)| sum.add(x));
         }
         self.layers.add(layers, path);
+        if self.moments.count.is_multiple_of(CARRY_AFTER) {
+            self.carry();
+        }
+    }
+
+    #[cold]
+    fn carry(&mut self) {
+        self.moments.squares.iter_mut().for_each(ExactSquares::carry);
+        self.sums_mut().for_each(ExactSum::carry);
+    }
+
+    fn sums(&self) -> impl Iterator<Item = &ExactSum> {
+        self.moments.sums.iter().chain([&self.alpha]).chain(&self.shadow).chain(self.layers.0.iter().flatten())
+    }
+
+    fn sums_mut(&mut self) -> impl Iterator<Item = &mut ExactSum> {
+        let layers = self.layers.0.iter_mut().flatten();
+        self.moments.sums.iter_mut().chain([&mut self.alpha]).chain(&mut self.shadow).chain(layers)
+    }
+
+    /// Adds the paths of another part of the same pixel, with the same layers.
+    ///
+    /// # Panics
+    /// When they have more than 2³² paths together.
+    pub fn merge(&mut self, other: &Self) {
+        let moments = &mut self.moments;
+        moments.count = moments.count.checked_add(other.moments.count).expect("no picture has so many paths a pixel");
+        moments.squares.iter_mut().zip(&other.moments.squares).for_each(|(sum, more)| sum.merge(more));
+        self.caught = self.caught.saturating_add(other.caught);
+        for (shape_idx, count) in other.coverage.counts() {
+            self.coverage.add(shape_idx, count);
+        }
+        self.sums_mut().zip(other.sums()).for_each(|(sum, more)| sum.merge(more));
+    }
+
+    /// Writes all of it at the end of `out`.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        let coverage = self.coverage.counts();
+        let numbers = [self.moments.count, self.caught, coverage.len() as u32].into_iter();
+        let numbers = numbers.chain(coverage.flat_map(|(shape_idx, count)| [shape_idx, count]));
+        numbers.for_each(|n| out.extend(n.to_le_bytes()));
+        self.moments.squares.iter().for_each(|sum| sum.encode(out));
+        self.sums().for_each(|sum| sum.encode(out));
+    }
+
+    /// Reads what [`encode`](Self::encode) has written, with the same layers, and leaves `bytes` after it; `None` where it is
+    /// nothing such.
+    pub fn decode(bytes: &mut &[u8], layers: &[Layer]) -> Option<Self> {
+        let number = |bytes: &mut &[u8]| {
+            let (first, rest) = bytes.split_first_chunk()?;
+            *bytes = rest;
+            Some(u32::from_le_bytes(*first))
+        };
+        let mut sum = Self::new(layers);
+        (sum.moments.count, sum.caught) = (number(bytes)?, number(bytes)?);
+        let names = layers
+            .iter()
+            .find_map(|layer| if let Layer::Cryptomatte(names) = layer { Some(names.len()) } else { None });
+        for _ in 0..number(bytes)? {
+            let (shape_idx, count) = (number(bytes)?, number(bytes)?);
+            if names.is_some_and(|known| shape_idx as usize >= known) {
+                return None;
+            }
+            sum.coverage.add(shape_idx, count);
+        }
+        for squares in &mut sum.moments.squares {
+            *squares = ExactSquares::decode(bytes)?;
+        }
+        for digits in sum.sums_mut() {
+            *digits = ExactSum::decode(bytes)?;
+        }
+        Some(sum)
     }
 
     /// Moments of the radiance.
@@ -239,22 +313,23 @@ impl PixelSum {
 
     /// The pixel after all its paths.
     pub fn finish(&self) -> Pixel {
+        let alpha = self.alpha.to_f64() + f64::from(self.caught) * self.shadow();
         Pixel {
             mean: self.moments.mean(),
             variance: self.moments.variance_of_mean(),
-            alpha: ((self.alpha + self.caught * self.shadow()) / f64::from(self.moments.count.max(1))) as f32,
+            alpha: (alpha / f64::from(self.moments.count.max(1))) as f32,
         }
     }
 
     /// Whether a path met a shadow catcher.
     pub fn has_caught(&self) -> bool {
-        self.caught > 0.0
+        self.caught > 0
     }
 
     /// Share of light that shadows take from catchers, from the means of all paths that met one: the mean of ratios would
     /// be another number. Places without any light have no shadow.
     fn shadow(&self) -> f64 {
-        let [lit, unshadowed] = self.shadow;
+        let [lit, unshadowed] = self.shadow.map(|sum| sum.to_f64());
         if unshadowed > 0.0 { (1.0 - lit / unshadowed).clamp(0.0, 1.0) } else { 0.0 }
     }
 

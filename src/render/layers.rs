@@ -4,6 +4,7 @@
 //! things is the depth of neither) are taken along the ray through the pixel's middle.
 
 use crate::geometry::embree::Ray;
+use crate::math::exact_sum::ExactSum;
 use crate::render::camera::Camera;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::{self, Coverage};
@@ -11,9 +12,10 @@ use crate::render::film::{Contribution, Moments};
 use crate::render::integrator::Integrator;
 use crate::render::light_path::{GROUP_MAX, Passage};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A further layer.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Layer {
     /// Distance along the view axis to the first surface through the pixel's middle [m]; infinite where there is none.
     Depth,
@@ -173,6 +175,25 @@ impl Layer {
 }
 
 impl Middle {
+    /// How many numbers it is.
+    pub const LENGTH: usize = 9;
+
+    /// All of it as plain numbers.
+    pub fn to_words(&self) -> [u32; Self::LENGTH] {
+        let [x, y, z] = self.position.to_array();
+        let [first, mean, half] = self.volume_depth;
+        let [a, b, c, d, e, f, g, h] = [self.depth, x, y, z, self.transmittance, first, mean, half].map(f32::to_bits);
+        [a, b, c, d, e, f, g, h, self.shape_id]
+    }
+
+    /// What [`to_words`](Self::to_words) has told.
+    pub fn from_words(words: [u32; Self::LENGTH]) -> Self {
+        let [depth, x, y, z, transmittance, first, mean, half, _] = words.map(f32::from_bits);
+        let [.., shape_id] = words;
+        let (position, volume_depth) = (Vec3::new(x, y, z), [first, mean, half]);
+        Self { depth, position, shape_id, transmittance, volume_depth }
+    }
+
     /// Looks along the ray through the middle of a pixel.
     pub fn look(integrator: &Integrator, camera: &Camera, ray: &Ray) -> Self {
         let hit = integrator.world.seen_by_camera(ray, integrator.moment);
@@ -192,26 +213,30 @@ impl Middle {
 
 /// Sums of what the paths of a pixel bring to further layers.
 #[derive(Debug, Clone)]
-pub struct LayerSums(Vec<glam::DVec3>);
+pub struct LayerSums(pub Vec<[ExactSum; 3]>);
 
 impl LayerSums {
     /// Nothing yet.
     pub fn new(layers: &[Layer]) -> Self {
-        Self(vec![glam::DVec3::ZERO; layers.len()])
+        Self(vec![Default::default(); layers.len()])
     }
 
     /// Adds one path.
     #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
-        for (sum, layer) in self.0.iter_mut().zip(layers) {
-            *sum += layer.of_path(path).as_dvec3();
+        for (sums, layer) in self.0.iter_mut().zip(layers) {
+            let value = layer.of_path(path);
+            // Layers that are no means have none, and of ways of light a path goes few.
+            if value != Vec3::ZERO {
+                sums.iter_mut().zip(value.to_array()).for_each(|(sum, x)| sum.add(x));
+            }
         }
     }
 
     /// Means over `count` paths.
     pub fn means(&self, count: u32) -> impl Iterator<Item = Rgb> + '_ {
         let n = f64::from(count.max(1));
-        self.0.iter().map(move |sum| (*sum / n).as_vec3())
+        self.0.iter().map(move |sums| Rgb::from_array(sums.map(|sum| (sum.to_f64() / n) as f32)))
     }
 }
 

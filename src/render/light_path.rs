@@ -1,5 +1,7 @@
 //! What way light came: over which first scattering, after how many, and from which group of sources.
 
+use serde::{Deserialize, Serialize};
+
 /// Most groups of lights, those of emission and of lights without a group among them.
 pub const GROUP_MAX: usize = 16;
 
@@ -10,7 +12,7 @@ pub const EMISSION_GROUP: usize = 0;
 pub const OTHER_GROUP: usize = 1;
 
 /// Ways for light, every path taking exactly one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Passage {
     /// Straight from the surroundings to the camera.
     Background,

@@ -26,6 +26,7 @@ pub mod glow;
 pub mod image_texture;
 pub mod integrator;
 pub mod layers;
+pub mod ledger;
 pub mod light;
 pub mod light_path;
 pub mod material;

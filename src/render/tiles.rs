@@ -7,11 +7,12 @@ use crate::progress::Progress;
 use crate::render::RenderError;
 use crate::render::adaptive::Adaptive;
 use crate::render::camera::Camera;
-use crate::render::film::{Contribution, Film, PathCounts, Pixel, PixelBounds, PixelSum};
+use crate::render::film::{Contribution, Film, PathCounts, PixelBounds, PixelSum};
 use crate::render::filter::Filter;
 use crate::render::from_scene::camera::CameraCourse;
 use crate::render::integrator::{Integrator, PathLimits};
 use crate::render::layers::{Layer, Middle};
+use crate::render::ledger::{Canvas, Ledger, Tile, TileContent};
 use crate::render::media::Media;
 use crate::render::medium::Medium;
 use crate::render::motion::FrameMotion;
@@ -79,13 +80,6 @@ struct Traced<'a> {
     motion: Option<&'a FrameMotion<'a>>,
 }
 
-/// A part of the picture that a thread made.
-struct Tile {
-    pixels: Vec<Pixel>,
-    layer_data: Vec<f32>,
-    counts: PathCounts,
-}
-
 /// Takes the picture, on all threads of the current pool. Equal inputs give equal bits whatever their number, but for
 /// how many paths there is time for where that is limited.
 ///
@@ -111,40 +105,64 @@ pub fn render_media(
     motion: Option<&FrameMotion>,
     progress: &dyn Progress,
 ) -> Result<Film, RenderError> {
+    let ledger = Ledger::new(None, Vec::new(), None);
+    let spp = render_to(&ledger, view, world, media, motion, progress)?;
+    Ok(canvas(view).film(spp, &ledger.tiles()))
+}
+
+/// The canvas of a picture taken so.
+pub fn canvas(view: &View) -> Canvas {
+    let edge = if view.adaptive.is_some() { ADAPTIVE_TILE } else { TILE };
+    Canvas { resolution: view.resolution, bounds: view.bounds, edge, layers: view.layers.clone() }
+}
+
+/// As [`render_media`], with tiles put to a ledger as they are done, and those left alone that it has; returns how many paths
+/// a pixel has at most. A ledger of a part of the paths is for views with neither `adaptive` nor `time_limit`, and with
+/// `time_limit` all tiles are done at the end.
+///
+/// # Errors
+/// As there.
+///
+/// # Panics
+/// For a part of the paths of a picture whose paths are not known beforehand.
+pub fn render_to(
+    ledger: &Ledger,
+    view: &View,
+    world: &World,
+    media: Media,
+    motion: Option<&FrameMotion>,
+    progress: &dyn Progress,
+) -> Result<u32, RenderError> {
+    let is_part = ledger.samples.is_some();
+    assert!(!is_part || (view.adaptive.is_none() && view.time_limit.is_none()), "paths are not known beforehand");
     let start = Instant::now();
     let sun_shadows = SunShadows::new(&world.lights, media.grids());
     let integrator =
         Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits, moment: Moment::default() };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
-    let edge = if view.adaptive.is_some() { ADAPTIVE_TILE } else { TILE };
-    let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(edge as usize).collect();
-    let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(edge as usize).collect();
-    let tiles: Vec<PixelBounds> = rows
-        .iter()
-        .flat_map(|&y0| columns.iter().map(move |&x0| (x0, y0)))
-        .map(|(x0, y0)| PixelBounds {
-            x0,
-            y0,
-            x1: (x0 + edge).min(view.bounds.x1),
-            y1: (y0 + edge).min(view.bounds.y1),
-        })
-        .collect();
-    let (finished, spp) = match (view.time_limit, &view.adaptive) {
-        (Some(limit), _) => render_in_passes(&tiles, view, &traced, progress, limit.saturating_sub(start.elapsed()))?,
-        (None, Some(adaptive)) => {
-            let paint = |_, tile: &PixelBounds| render_adaptively(tile, view, &traced, progress, adaptive);
-            (parallel::try_map(&tiles, paint)?, view.spp)
+    let tiles = canvas(view).tiles();
+    if let Some(limit) = view.time_limit {
+        let limit = limit.saturating_sub(start.elapsed());
+        let (finished, spp) = render_in_passes(&tiles, view, &traced, progress, limit)?;
+        finished.into_iter().enumerate().for_each(|(index, tile)| ledger.put(index, tile));
+        return Ok(spp);
+    }
+    let samples = ledger.samples.clone().unwrap_or(0..view.spp);
+    parallel::try_map(&tiles, |index, tile: &PixelBounds| -> Result<(), RenderError> {
+        if ledger.is_done(index) {
+            progress.advance(samples.len() as u64 * tile.area() as u64);
+            return Ok(());
         }
-        (None, None) => {
-            let paint = |_, tile: &PixelBounds| {
-                render_tile(tile, view, &traced, progress, |mut painter| {
-                    painter.paint(PixelSum::new(&view.layers), 0..view.spp)
-                })
-            };
-            (parallel::try_map(&tiles, paint)?, view.spp)
-        }
-    };
-    Ok(Film { spp, ..assemble(view, &tiles, &finished) })
+        let made = match &view.adaptive {
+            Some(adaptive) => render_adaptively(tile, view, &traced, progress, adaptive)?,
+            None => render_tile(tile, view, &traced, progress, is_part, |mut painter| {
+                painter.paint(PixelSum::new(&view.layers), samples.clone(), samples.len() as u32)
+            })?,
+        };
+        ledger.put(index, made);
+        Ok(())
+    })?;
+    Ok(view.spp)
 }
 
 /// Passes over all pixels until the time is up; also how many paths each pixel got.
@@ -156,8 +174,8 @@ fn render_in_passes(
     limit: Duration,
 ) -> Result<(Vec<Tile>, u32), RenderError> {
     let start = Instant::now();
-    let mut sums: Vec<Vec<PixelSum>> =
-        bounds.iter().map(|tile| vec![PixelSum::new(&view.layers); tile.area()]).collect();
+    // As they are written, which takes a tenth of their memory.
+    let mut sums: Vec<Vec<u8>> = vec![Vec::new(); bounds.len()];
     let mut counts = vec![PathCounts::default(); bounds.len()];
     let mut done = 0;
     // A first short pass tells how long a path takes; a pass as long as all before it keeps their number small.
@@ -165,11 +183,15 @@ fn render_in_passes(
     while next > done {
         let work = bounds.iter().zip(&mut sums).zip(&mut counts);
         parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<(), RenderError> {
-            for (i, sum) in sums.iter_mut().enumerate() {
-                let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
+            let before = std::mem::take(sums);
+            let mut before = &before[..];
+            for i in 0..tile.area() as u32 {
+                let (x, y) = (tile.x0 + i % tile.width(), tile.y0 + i / tile.width());
+                let mut sum = if done == 0 { PixelSum::new(&view.layers) } else { kept(&mut before, view) };
                 let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
-                painter.add(sum, done..next)?;
+                painter.add(&mut sum, done..next)?;
                 painter.look()?;
+                sum.encode(sums);
             }
             Ok(())
         })?;
@@ -181,11 +203,16 @@ fn render_in_passes(
     progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
     let work = bounds.iter().zip(&sums).zip(counts);
     let tiles = parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<Tile, RenderError> {
-        let mut sums = sums.iter();
-        let finished = render_tile(tile, view, traced, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
+        let mut sums = &sums[..];
+        let finished = render_tile(tile, view, traced, progress, false, |_| Ok(kept(&mut sums, view)))?;
         Ok(Tile { counts, ..finished })
     })?;
     Ok((tiles, done))
+}
+
+/// The next of the sums that a pass has left.
+fn kept(sums: &mut &[u8], view: &View) -> PixelSum {
+    PixelSum::decode(sums, &view.layers).expect("what was written here can be read")
 }
 
 /// Begins all pixels of a tile and those round it, and goes on with each of the tile as far as its neighbours say.
@@ -220,7 +247,7 @@ fn render_adaptively(
         }
     }
     let mut begun = begun.into_iter();
-    let tile = render_tile(bounds, view, traced, progress, |mut painter| {
+    let tile = render_tile(bounds, view, traced, progress, false, |mut painter| {
         let (x, y) = (painter.x, painter.y);
         let around = (-1i32..=1).flat_map(|dy| (-1i32..=1).map(move |dx| (dx, dy))).filter(|&step| step != (0, 0));
         let around = around.map(|(dx, dy)| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)));
@@ -228,34 +255,42 @@ fn render_adaptively(
         let mut needed: Vec<f32> =
             around.map(|(x, y)| needed[((y - outer.y0) * outer.width() + x - outer.x0) as usize]).collect();
         let begun = begun.next().expect("one for each pixel");
-        painter.paint(begun, adaptive.min_spp..adaptive.paths(view.spp, &mut needed))
+        painter.paint(begun, adaptive.min_spp..adaptive.paths(view.spp, &mut needed), view.spp)
     })?;
     counts.add(&tile.counts);
     Ok(Tile { counts, ..tile })
 }
 
+/// Paints the pixels of a tile, and finishes them unless they are a part of their paths: then their sums are kept.
 fn render_tile(
     bounds: &PixelBounds,
     view: &View,
     traced: &Traced,
     progress: &dyn Progress,
+    is_part: bool,
     mut paint: impl FnMut(PixelPainter) -> Result<PixelSum, RenderError>,
 ) -> Result<Tile, RenderError> {
-    let mut tile =
-        Tile { pixels: Vec::with_capacity(bounds.area()), layer_data: Vec::new(), counts: PathCounts::default() };
+    let mut counts = PathCounts::default();
+    let (mut pixels, mut layer_data, mut sums) = (Vec::new(), Vec::new(), Vec::new());
     let needs_middle = view.layers.iter().any(Layer::is_of_the_middle);
     for y in bounds.y0..bounds.y1 {
         for x in bounds.x0..bounds.x1 {
-            let sum = paint(PixelPainter::new([x, y], view, traced, progress, &mut tile.counts))?;
+            let sum = paint(PixelPainter::new([x, y], view, traced, progress, &mut counts))?;
             let middle = needs_middle.then(|| {
                 let ray = view.camera.ray(middle_of(x, y), [0.5, 0.5]);
                 Middle::look(&traced.integrator, &view.camera, &ray)
             });
-            tile.pixels.push(sum.finish());
-            sum.finish_layers(&view.layers, middle.as_ref(), &mut tile.layer_data);
+            if is_part {
+                sum.encode(&mut sums);
+                middle.iter().flat_map(Middle::to_words).for_each(|word| sums.extend(word.to_le_bytes()));
+            } else {
+                pixels.push(sum.finish());
+                sum.finish_layers(&view.layers, middle.as_ref(), &mut layer_data);
+            }
         }
     }
-    Ok(tile)
+    let content = if is_part { TileContent::Sums(sums) } else { TileContent::Finished { pixels, layer_data } };
+    Ok(Tile { content, counts })
 }
 
 fn middle_of(x: u32, y: u32) -> Vec2 {
@@ -305,13 +340,13 @@ impl<'a> PixelPainter<'a> {
         }
     }
 
-    /// Traces these paths; of the pixel no more will follow.
-    fn paint(&mut self, mut sum: PixelSum, samples: Range<u32>) -> Result<PixelSum, RenderError> {
+    /// Traces these paths; of the pixel, which counts for `most` paths, no more will follow.
+    fn paint(&mut self, mut sum: PixelSum, samples: Range<u32>, most: u32) -> Result<PixelSum, RenderError> {
         self.look()?;
         let before = self.counts.traced;
         self.add(&mut sum, samples)?;
         // Paths that were not needed are done too.
-        self.unsaid += u64::from(self.view.spp).saturating_sub(self.counts.traced - before) as u32;
+        self.unsaid += u64::from(most).saturating_sub(self.counts.traced - before) as u32;
         self.progress.advance(u64::from(self.unsaid));
         Ok(sum)
     }
@@ -368,27 +403,4 @@ impl<'a> PixelPainter<'a> {
         }
         Ok(())
     }
-}
-
-/// Puts tiles in their places; counts are added in the order of the tiles, so that their sum has no luck in it either.
-fn assemble(view: &View, tiles: &[PixelBounds], finished: &[Tile]) -> Film {
-    let channels: usize = view.layers.iter().map(Layer::channel_count).sum();
-    let mut pixels = vec![Pixel::default(); view.bounds.area()];
-    let mut layer_data = vec![0.0; view.bounds.area() * channels];
-    let mut paths = PathCounts::default();
-    let width = view.bounds.width() as usize;
-    for (bounds, tile) in tiles.iter().zip(finished) {
-        paths.add(&tile.counts);
-        let tile_width = bounds.width() as usize;
-        for row in 0..bounds.height() as usize {
-            let start = (bounds.y0 - view.bounds.y0) as usize + row;
-            let at = start * width + (bounds.x0 - view.bounds.x0) as usize;
-            let own = row * tile_width;
-            pixels[at..at + tile_width].copy_from_slice(&tile.pixels[own..own + tile_width]);
-            layer_data[at * channels..(at + tile_width) * channels]
-                .copy_from_slice(&tile.layer_data[own * channels..(own + tile_width) * channels]);
-        }
-    }
-    let (resolution, bounds, layers) = (view.resolution, view.bounds, view.layers.clone());
-    Film { resolution, bounds, pixels, layers, layer_data, spp: view.spp, paths }
 }

@@ -20,14 +20,26 @@ pub fn film_bytes(settings: &Settings) -> f64 {
     let groups = settings.light_groups().len();
     let channels: usize = settings.output.aovs.iter().map(|aov| aov.channel_count(groups)).sum();
     let pixels: f64 = settings.film.resolution.map(f64::from).iter().product();
-    // Sums of all pixels wait for the next pass, in double precision and with the shapes that each has met.
-    let sums = if settings.film.time_limit.is_some() { 4.0 * PIXEL_BYTES + 24.0 * channels as f64 } else { 0.0 };
+    // Sums of all pixels wait for the next pass.
+    let sums = if settings.film.time_limit.is_some() { sum_bytes(channels) } else { 0.0 };
     pixels * (PIXEL_BYTES + LAYER_BYTES * channels as f64 + sums)
 }
 
 /// Memory of a particle that is held [bytes].
 pub fn particle_bytes(frames: &Frames) -> f64 {
     PARTICLE_BYTES + if frames.shutter != [0.0; 2] { BEND_BYTES } else { 0.0 }
+}
+
+/// Memory of what the paths of all pixels add up to, where that is kept [bytes].
+pub fn sums_bytes(settings: &Settings) -> f64 {
+    let groups = settings.light_groups().len();
+    let channels: usize = settings.output.aovs.iter().map(|aov| aov.channel_count(groups)).sum();
+    settings.film.resolution.map(f64::from).iter().product::<f64>() * sum_bytes(channels)
+}
+
+/// The same of a pixel: exact sums as they are written, and the shapes that it has met.
+fn sum_bytes(channels: usize) -> f64 {
+    4.0 * PIXEL_BYTES + 24.0 * channels as f64
 }
 
 /// Most particles that are held at once, of `count` that are alive.

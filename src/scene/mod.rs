@@ -41,6 +41,10 @@ pub struct Scene {
     pub path: PathBuf,
     /// SHA-256 of the file's text and of all overrides, in hexadecimal.
     pub text_hash: String,
+    /// SHA-256 of the file alone, in hexadecimal.
+    pub file_hash: String,
+    /// Keys that were set besides, and to what.
+    pub overrides: Vec<(String, String)>,
     /// What is likely a mistake, but well defined.
     pub warnings: Vec<Diagnostic>,
     tree: Node,
@@ -183,7 +187,16 @@ impl Scene {
             return Err(SceneError::Faulty(diagnostics));
         }
         let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(Self { settings, path: path.into(), text_hash: hash(text, overrides), warnings: diagnostics, tree, name })
+        Ok(Self {
+            settings,
+            path: path.into(),
+            text_hash: hash(text, overrides),
+            file_hash: hexadecimal(&Sha256::digest(text)),
+            overrides: overrides.to_vec(),
+            warnings: diagnostics,
+            tree,
+            name,
+        })
     }
 
     /// A file that the scene names, from the scene's folder if it is relative.
@@ -316,7 +329,11 @@ fn hash(text: &str, overrides: &[(String, String)]) -> String {
         part(key.as_bytes());
         part(value.as_bytes());
     }
-    hasher.finalize().iter().fold(String::new(), |mut hex, byte| {
+    hexadecimal(&hasher.finalize())
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut hex, byte| {
         // Writing to a String cannot fail.
         let _ = write!(hex, "{byte:02x}");
         hex
