@@ -2,6 +2,8 @@
 
 mod fingerprint;
 mod heat;
+pub mod inputs;
+pub mod live;
 mod mask_files;
 mod smoke;
 mod volumes;
@@ -21,13 +23,14 @@ use crate::particles::ParticleSystem;
 use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::heat::Heat;
 use crate::pipeline::mask_files::SceneFiles;
-use crate::pipeline::smoke::SmokeSource;
+use crate::pipeline::smoke::{FrameSmoke, SmokeSource};
 use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::film::{Film, PixelBounds};
 use crate::render::layers::Layer;
 use crate::render::material::Material;
 use crate::render::media::Media;
+use crate::render::medium::Medium;
 use crate::render::motion::FrameMotion;
 use crate::render::picture::Picture;
 use crate::render::sun_shadow;
@@ -252,29 +255,7 @@ impl Studio {
     ) -> Result<Film, Error> {
         let grid = self.smoke.grid(scene, frame, smoke_heat(scene), progress, record)?;
         let start = Instant::now();
-        let medium = grid
-            .map(|smoke| {
-                let mut medium = render::build_medium(scene, smoke.density)?;
-                if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
-                    render::kindle(medium, glow, smoke.is_unbound)?;
-                }
-                let detail = scene.settings.smoke.as_ref().and_then(|smoke| smoke.detail);
-                if let (Some(medium), Some(detail)) = (&mut medium, detail) {
-                    render::add_detail(medium, &detail, time_of(scene, frame))?;
-                }
-                Ok(medium)
-            })
-            .transpose()
-            .map_err(|e: RenderError| {
-                let key = match e {
-                    RenderError::TooHot { .. } if smoke_heat(scene).is_some() => "smoke.blackbody",
-                    RenderError::TooHot { .. } => "smoke.file.emission_gain",
-                    RenderError::TooDenseForDetail { .. } => "smoke.detail",
-                    _ => "smoke.medium.extinction",
-                };
-                in_scene(scene, key, Some(frame), e)
-            })?
-            .flatten();
+        let medium = grid.map(|smoke| build_medium(scene, frame, smoke)).transpose()?.flatten();
         record.add_time(Stage::Grid, start.elapsed());
         let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
         let media = Media::new(medium.as_ref(), &volumes);
@@ -317,6 +298,30 @@ impl Studio {
         }
         Ok(film)
     }
+}
+
+/// The smoke of a frame as light sees it.
+fn build_medium(scene: &Scene, frame: i32, smoke: FrameSmoke) -> Result<Option<Medium>, Error> {
+    let build = || {
+        let mut medium = render::build_medium(scene, smoke.density)?;
+        if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
+            render::kindle(medium, glow, smoke.is_unbound)?;
+        }
+        let detail = scene.settings.smoke.as_ref().and_then(|smoke| smoke.detail);
+        if let (Some(medium), Some(detail)) = (&mut medium, detail) {
+            render::add_detail(medium, &detail, time_of(scene, frame))?;
+        }
+        Ok(medium)
+    };
+    build().map_err(|e: RenderError| {
+        let key = match e {
+            RenderError::TooHot { .. } if smoke_heat(scene).is_some() => "smoke.blackbody",
+            RenderError::TooHot { .. } => "smoke.file.emission_gain",
+            RenderError::TooDenseForDetail { .. } => "smoke.detail",
+            _ => "smoke.medium.extinction",
+        };
+        in_scene(scene, key, Some(frame), e)
+    })
 }
 
 /// What the smoke of a scene gives off because it is hot.

@@ -13,6 +13,7 @@ use crate::render::layers::{Layer, Middle};
 use crate::render::media::Media;
 use crate::render::medium::Medium;
 use crate::render::motion::FrameMotion;
+use crate::render::passes::Passes;
 use crate::render::sampler::{Dimension, PixelSamples};
 use crate::render::sun_shadow::SunShadows;
 use crate::render::world::World;
@@ -21,7 +22,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
-const TILE: u32 = 16;
+pub(crate) const TILE: u32 = 16;
 /// The same where paths go where they are needed: pixels round a tile are begun besides, an eighth of it.
 const ADAPTIVE_TILE: u32 = 32;
 
@@ -60,16 +61,16 @@ pub struct View {
 }
 
 /// What paths are traced through, and how it moves where somebody wants to know.
-struct Traced<'a> {
-    integrator: Integrator<'a>,
-    motion: Option<&'a FrameMotion<'a>>,
+pub(crate) struct Traced<'a> {
+    pub(crate) integrator: Integrator<'a>,
+    pub(crate) motion: Option<&'a FrameMotion<'a>>,
 }
 
 /// A part of the picture that a thread made.
-struct Tile {
-    pixels: Vec<Pixel>,
-    layer_data: Vec<f32>,
-    counts: PathCounts,
+pub(crate) struct Tile {
+    pub(crate) pixels: Vec<Pixel>,
+    pub(crate) layer_data: Vec<f32>,
+    pub(crate) counts: PathCounts,
 }
 
 /// Takes the picture, on all threads of the current pool. Equal inputs give equal bits whatever their number, but for
@@ -102,23 +103,12 @@ pub fn render_media(
     let integrator = Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
     let edge = if view.adaptive.is_some() { ADAPTIVE_TILE } else { TILE };
-    let rows: Vec<u32> = (view.bounds.y0..view.bounds.y1).step_by(edge as usize).collect();
-    let columns: Vec<u32> = (view.bounds.x0..view.bounds.x1).step_by(edge as usize).collect();
-    let tiles: Vec<PixelBounds> = rows
-        .iter()
-        .flat_map(|&y0| columns.iter().map(move |&x0| (x0, y0)))
-        .map(|(x0, y0)| PixelBounds {
-            x0,
-            y0,
-            x1: (x0 + edge).min(view.bounds.x1),
-            y1: (y0 + edge).min(view.bounds.y1),
-        })
-        .collect();
-    let (finished, spp) = match (view.time_limit, &view.adaptive) {
-        (Some(limit), _) => render_in_passes(&tiles, view, &traced, progress, limit.saturating_sub(start.elapsed()))?,
+    let tiles = cut(view.bounds, edge);
+    let finished = match (view.time_limit, &view.adaptive) {
+        (Some(limit), _) => return render_in_passes(view, traced, progress, limit.saturating_sub(start.elapsed())),
         (None, Some(adaptive)) => {
             let paint = |_, tile: &PixelBounds| render_adaptively(tile, view, &traced, progress, adaptive);
-            (parallel::try_map(&tiles, paint)?, view.spp)
+            parallel::try_map(&tiles, paint)?
         }
         (None, None) => {
             let paint = |_, tile: &PixelBounds| {
@@ -126,51 +116,39 @@ pub fn render_media(
                     painter.paint(PixelSum::new(&view.layers), 0..view.spp)
                 })
             };
-            (parallel::try_map(&tiles, paint)?, view.spp)
+            parallel::try_map(&tiles, paint)?
         }
     };
-    Ok(Film { spp, ..assemble(view, &tiles, &finished) })
+    Ok(assemble(view, &tiles, &finished))
 }
 
-/// Passes over all pixels until the time is up; also how many paths each pixel got.
+/// A rectangle in tiles, row after row.
+pub(crate) fn cut(bounds: PixelBounds, edge: u32) -> Vec<PixelBounds> {
+    let columns = || (bounds.x0..bounds.x1).step_by(edge as usize);
+    let corners = (bounds.y0..bounds.y1).step_by(edge as usize).flat_map(|y0| columns().map(move |x0| (x0, y0)));
+    let tile = |(x0, y0)| PixelBounds { x0, y0, x1: (x0 + edge).min(bounds.x1), y1: (y0 + edge).min(bounds.y1) };
+    corners.map(tile).collect()
+}
+
+/// Passes over all pixels until the time is up.
 fn render_in_passes(
-    bounds: &[PixelBounds],
     view: &View,
-    traced: &Traced,
+    traced: Traced,
     progress: &dyn Progress,
     limit: Duration,
-) -> Result<(Vec<Tile>, u32), RenderError> {
+) -> Result<Film, RenderError> {
     let start = Instant::now();
-    let mut sums: Vec<Vec<PixelSum>> =
-        bounds.iter().map(|tile| vec![PixelSum::new(&view.layers); tile.area()]).collect();
-    let mut counts = vec![PathCounts::default(); bounds.len()];
-    let mut done = 0;
+    let mut passes = Passes::of(view, traced);
     // A first short pass tells how long a path takes; a pass as long as all before it keeps their number small.
     let mut next = FIRST_PASS.min(view.spp);
-    while next > done {
-        let work = bounds.iter().zip(&mut sums).zip(&mut counts);
-        parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<(), RenderError> {
-            for (i, sum) in sums.iter_mut().enumerate() {
-                let (x, y) = (tile.x0 + i as u32 % tile.width(), tile.y0 + i as u32 / tile.width());
-                let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
-                painter.add(sum, done..next)?;
-                painter.look()?;
-            }
-            Ok(())
-        })?;
-        done = next;
-        let a_path = start.elapsed().as_secs_f64() / f64::from(done);
+    while next > passes.done() {
+        passes.go_on(next, progress)?;
+        let a_path = start.elapsed().as_secs_f64() / f64::from(next);
         let left = ((limit.as_secs_f64() - start.elapsed().as_secs_f64()) / a_path).max(0.0);
-        next = (done + done.min(left as u32)).min(view.spp);
+        next = (next + next.min(left as u32)).min(view.spp);
     }
-    progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
-    let work = bounds.iter().zip(&sums).zip(counts);
-    let tiles = parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<Tile, RenderError> {
-        let mut sums = sums.iter();
-        let finished = render_tile(tile, view, traced, progress, |_| Ok(sums.next().expect("one for each").clone()))?;
-        Ok(Tile { counts, ..finished })
-    })?;
-    Ok((tiles, done))
+    progress.advance(u64::from(view.spp - passes.done()) * view.bounds.area() as u64);
+    passes.film(progress)
 }
 
 /// Begins all pixels of a tile and those round it, and goes on with each of the tile as far as its neighbours say.
@@ -243,12 +221,12 @@ fn render_tile(
     Ok(tile)
 }
 
-fn middle_of(x: u32, y: u32) -> Vec2 {
+pub(crate) fn middle_of(x: u32, y: u32) -> Vec2 {
     Vec2::new(x as f32 + 0.5, y as f32 + 0.5)
 }
 
 /// Traces the paths of one pixel.
-struct PixelPainter<'a> {
+pub(crate) struct PixelPainter<'a> {
     x: u32,
     y: u32,
     view: &'a View,
@@ -264,7 +242,7 @@ struct PixelPainter<'a> {
 }
 
 impl<'a> PixelPainter<'a> {
-    fn new(
+    pub(crate) fn new(
         [x, y]: [u32; 2],
         view: &'a View,
         traced: &'a Traced<'a>,
@@ -288,7 +266,7 @@ impl<'a> PixelPainter<'a> {
     }
 
     /// Says how far it is, and asks whether to stop.
-    fn look(&mut self) -> Result<(), RenderError> {
+    pub(crate) fn look(&mut self) -> Result<(), RenderError> {
         if self.tells {
             self.progress.advance(u64::from(self.unsaid));
         }
@@ -297,7 +275,7 @@ impl<'a> PixelPainter<'a> {
         if self.progress.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
     }
 
-    fn add(&mut self, sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
+    pub(crate) fn add(&mut self, sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
         let (x, y, view) = (self.x, self.y, self.view);
         let pixel = match view.adaptive {
             Some(_) => PixelSamples::alone(view.seed, x, y),
@@ -328,7 +306,7 @@ impl<'a> PixelPainter<'a> {
 }
 
 /// Puts tiles in their places; counts are added in the order of the tiles, so that their sum has no luck in it either.
-fn assemble(view: &View, tiles: &[PixelBounds], finished: &[Tile]) -> Film {
+pub(crate) fn assemble(view: &View, tiles: &[PixelBounds], finished: &[Tile]) -> Film {
     let channels: usize = view.layers.iter().map(Layer::channel_count).sum();
     let mut pixels = vec![Pixel::default(); view.bounds.area()];
     let mut layer_data = vec![0.0; view.bounds.area() * channels];
