@@ -16,7 +16,7 @@ fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
     let [out, err] = folder.expect(0, &["--help"]);
     contains(&out, &["render", "check", "schema", "bake", "compare", "flow", "streamlines", "128+n"]);
     assert!(err.is_empty());
-    for verb in ["render", "check", "schema", "bake", "compare", "denoise", "flow", "streamlines"] {
+    for verb in ["render", "watch", "check", "schema", "bake", "compare", "inspect", "denoise", "flow", "streamlines"] {
         let [out, _] = folder.expect(0, &[verb, "--help"]);
         contains(&out, &["Example: curlsmoke"]);
     }
@@ -50,6 +50,40 @@ fn check_tells_good_scenes_from_bad_ones() {
     let reports: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!((&reports[0]["ok"], &reports[1]["ok"]), (&false.into(), &true.into()));
     assert_eq!(reports[0]["problems"][0]["position"]["line"], 7);
+}
+
+#[test]
+fn inspect_tells_what_a_picture_holds() {
+    let folder = Folder::new();
+    let mut image = Image::cropped([8, 4], [2, 1, 4, 3]);
+    image.push_rgb("", SampleKind::Float, &[[0.5, -1.0, 2.0], [1.5, 0.0, f32::NAN], [3.5, 0.0, 0.0], [0.5; 3]]);
+    image.push("Z", SampleKind::Float, vec![f32::INFINITY, 1.0, 2.0, 3.0]);
+    std::fs::write(folder.path("a.exr"), exr::write(&image, Compression::Zips).unwrap()).unwrap();
+    let [out, _] = folder.expect(0, &["inspect", "a.exr"]);
+    contains(&out, &["8 × 4 pixels", "data at 2, 1: 2 × 2 pixels", "Z ", "32 bit"]);
+    let [out, _] = folder.expect(0, &["inspect", "a.exr", "--pixel", "3,1"]);
+    let lines: Vec<Vec<&str>> = out.lines().map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(lines, [["R", "1.5"], ["G", "0"], ["B", "NaN"], ["Z", "1"]]);
+    let [out, _] = folder.expect(0, &["inspect", "a.exr", "--stats"]);
+    let row =
+        |name: &str| out.lines().find(|line| line.starts_with(name)).unwrap().split_whitespace().collect::<Vec<_>>();
+    assert_eq!(row("R "), ["R", "0.50000", "1.50000", "3.50000", "3.50000", "1.50000", "2,2", "0", "0", "0"]);
+    assert_eq!((row("G ")[7], row("B ")[9], row("Z ")[8]), ("1", "1", "1"));
+    let [_, err] = folder.expect(2, &["inspect", "a.exr", "--pixel", "0,0"]);
+    contains(&err, &["from 2,1 to 3,2"]);
+    folder.expect(2, &["inspect", "a.exr", "--pixel", "1"]);
+    folder.expect(4, &["inspect", "none.exr"]);
+}
+
+#[test]
+fn watch_refuses_what_it_cannot_do() {
+    let folder = Folder::new();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let [_, err] = folder.expect(2, &["watch", "ball.yaml", "--serve", &port]);
+    contains(&err, &["--serve", &port, "another port"]);
+    let [_, err] = folder.expect(2, &["watch", "ball.yaml", "--display", "xv"]);
+    contains(&err, &["write tev, or tev=127.0.0.1:14158"]);
 }
 
 #[test]

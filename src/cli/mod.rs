@@ -8,6 +8,7 @@ mod compare;
 mod denoise;
 mod flow;
 mod frames;
+mod inspect;
 mod places;
 mod points;
 pub mod progress;
@@ -16,6 +17,7 @@ mod signals;
 mod streamlines;
 mod values;
 mod warp;
+mod watch;
 
 use crate::cli::args::{Arguments, Verb};
 use crate::error::Error;
@@ -48,10 +50,12 @@ pub fn run() -> u8 {
     };
     let result = match arguments.verb {
         Verb::Render(arguments) => render::run(&arguments),
+        Verb::Watch(arguments) => watch::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Schema => check::schema(),
         Verb::Bake(arguments) => bake::run(&arguments),
         Verb::Compare(arguments) => compare::run(&arguments),
+        Verb::Inspect(arguments) => inspect::run(&arguments),
         Verb::Denoise(arguments) => denoise::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),

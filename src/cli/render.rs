@@ -1,7 +1,7 @@
 //! `curlsmoke render`.
 
-use crate::cli::args::RenderArguments;
-use crate::cli::frames::{frames, load_scene, set_by_hand, start_threads};
+use crate::cli::args::{RenderArguments, WatchArguments};
+use crate::cli::frames::{flags, frames, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
 use crate::cli::{STOPPED, log, print_result, report};
@@ -88,6 +88,22 @@ fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
         }
     }
     load_scene(&arguments.common, overrides)
+}
+
+/// The scene with the flags of `watch` applied. Its warnings are for the caller to tell, who reads it many times.
+pub(super) fn scene_of_watch(arguments: &WatchArguments) -> Result<Scene, Error> {
+    let common = arguments.common.to_frame_arguments();
+    let mut overrides = flags(&common);
+    if let Some(spp) = arguments.spp {
+        overrides.push(("film.spp".to_string(), spp.to_string()));
+    }
+    if let Some(resolution) = arguments.resolution {
+        let own = Scene::load(&common.scene)?.settings.film.resolution;
+        let [width, height] = resolution.pixels(own);
+        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+    }
+    overrides.extend(set_by_hand(&common));
+    Ok(Scene::load_with(&common.scene, &overrides)?)
 }
 
 /// Names of the pictures of a scene.

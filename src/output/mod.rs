@@ -13,6 +13,7 @@ pub mod image;
 pub mod oidn;
 pub mod png;
 pub mod sidecar;
+pub mod survey;
 
 use crate::output::image::Image;
 use std::fs::File;

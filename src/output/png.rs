@@ -18,6 +18,18 @@ pub enum View {
 }
 
 impl View {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Standard, Self::Neutral, Self::Raw];
+
+    /// Its name in a scene.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Standard => "standard",
+            Self::Neutral => "neutral",
+            Self::Raw => "raw",
+        }
+    }
+
     /// What the screen shows for linear Rec. 709 light, 0 to 1. Not-a-number shows as 0.
     pub fn apply(self, rgb: [f32; 3]) -> [f32; 3] {
         match self {
