@@ -76,6 +76,27 @@ fn inspect_tells_what_a_picture_holds() {
 }
 
 #[test]
+fn one_pixel_is_that_of_the_picture() {
+    let folder = Folder::new();
+    let arguments = ["render", "ball.yaml", "--frames", "2", "--progress", "none"];
+    let [out, _] = folder.expect(0, &[&arguments[..], &["--pixel", "12,8"]].concat());
+    contains(&out, &["frame 2, pixel 12,8", "surface_direct.R", "null_collisions", "4 paths,"]);
+    assert!(folder.files("out").is_empty(), "nothing is written");
+    let value = |name: &str| -> f32 {
+        let line = out.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    };
+    folder.expect(0, &arguments);
+    let image = exr::read(&folder.path("out/ball.0002.exr"), 1 << 30).unwrap();
+    let at = 8 * 24 + 12;
+    for name in ["Z", "N.X", "variance.G"] {
+        assert_eq!(value(name), image.channel(name).unwrap()[at], "{name}");
+    }
+    let [_, err] = folder.expect(2, &[&arguments[..], &["--pixel", "24,0"]].concat());
+    contains(&err, &["24 × 16"]);
+}
+
+#[test]
 fn watch_refuses_what_it_cannot_do() {
     let folder = Folder::new();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

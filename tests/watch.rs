@@ -132,7 +132,7 @@ fn saving_shows_a_new_picture_and_errors_leave_the_last_one() {
 
     desk.save(&SCENE.replace("radius: 1}", "radios: 1}"));
     let faulty = desk.until(|status| status.activity == "error");
-    let problem = &faulty.problems[0];
+    let problem = faulty.problems.iter().find(|problem| problem.message.contains("radios")).unwrap();
     assert_eq!((problem.severity, problem.line), ("error", Some(6)));
     assert!(problem.message.contains("radios") && problem.excerpt.contains("radios: 1"), "{problem:?}");
     assert_eq!(&problem.excerpt[problem.caret[0]..problem.caret[0] + problem.caret[1]], "radios");

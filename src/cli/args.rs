@@ -133,6 +133,9 @@ pub struct RenderArguments {
     /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
     #[arg(long, value_name = "EDGES")]
     pub crop: Option<Crop>,
+    /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output"])]
+    pub pixel: Option<PixelPlace>,
     /// Leave frames alone that are finished and made from this very scene
     #[arg(long)]
     pub resume: bool,

@@ -9,6 +9,7 @@ mod denoise;
 mod flow;
 mod frames;
 mod inspect;
+mod pixel;
 mod places;
 mod points;
 pub mod progress;

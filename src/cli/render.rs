@@ -4,7 +4,7 @@ use crate::cli::args::{RenderArguments, WatchArguments};
 use crate::cli::frames::{flags, frames, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
-use crate::cli::{STOPPED, log, print_result, report};
+use crate::cli::{STOPPED, log, pixel, print_result, report};
 use crate::error::Error;
 use crate::output::frames::check_distinct;
 use crate::pipeline::{self, FrameOutcome, RenderJob};
@@ -26,6 +26,9 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     start_threads(&arguments.common)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
+    if let Some(pixel) = arguments.pixel {
+        return conclude(pixel::run(&scene, &frames, pixel, &reporter), &reporter, &signals);
+    }
     let job = RenderJob { frames, crop, resume: arguments.resume };
     let mut printed = Ok(());
     let result = pipeline::render(&scene, &job, &reporter, &mut |outcome| {
@@ -75,6 +78,9 @@ fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
         let own = Scene::load(&arguments.common.scene)?.settings.film.resolution;
         let [width, height] = resolution.pixels(own);
         overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+    }
+    if arguments.pixel.is_some() {
+        overrides.push(("output.aovs".to_string(), pixel::LAYERS.into()));
     }
     if let Some(image) = &arguments.output {
         // Text in JSON is text in YAML too, whatever it holds.

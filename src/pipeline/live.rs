@@ -117,14 +117,15 @@ impl LiveStudio {
         note(Part::Textures, self.textures.renew(inputs(Part::Textures)?, || load_textures(scene))?);
         note(Part::Lights, self.lights.renew(inputs(Part::Lights)?, || load_lights(scene).map(Some))?);
 
-        // The smoke.
+        let has_smoke = scene.settings.smoke.is_some();
         let build = || SmokeSource::build(scene, geometry);
-        note(Part::Particles, self.particles.renew(inputs(Part::Particles)?, build)?);
+        let is_new = self.particles.renew(inputs(Part::Particles)?, build)?;
+        note(Part::Particles, is_new && has_smoke);
         let particles = self.particles.generation;
         let source = self.particles.get_mut()?;
         let splat = || source.grid(scene, frame, smoke_heat(scene), progress, record);
         let is_new = self.density.renew((inputs(Part::Density)?, particles), splat)?;
-        note(Part::Density, is_new);
+        note(Part::Density, is_new && has_smoke);
         let key = (inputs(Part::Medium)?, self.density.generation);
         if self.medium.held.as_ref().is_none_or(|(held, _)| *held != key) {
             let last = self.medium.held.take().and_then(|(_, medium)| medium);
@@ -143,7 +144,7 @@ impl LiveStudio {
             });
             self.medium.generation += 1;
             self.medium.held = Some((key, medium?.flatten()));
-            note(Part::Medium, true);
+            note(Part::Medium, has_smoke);
         }
         let fill = || VolumeSources::build(scene, geometry)?.at_frame(scene, geometry, frame, progress, record);
         let has_volumes = !scene.settings.volumes.is_empty();

@@ -104,7 +104,10 @@ fn send(request: Request, answer: Answer) {
     let length = answer.body.len();
     let headers = own.into_iter().chain(answer.more);
     let headers = headers.filter_map(|(name, value)| Header::from_bytes(name, value).ok()).collect();
-    let response = Response::new(answer.status.into(), headers, io::Cursor::new(answer.body), Some(length), None);
+    let body = io::Cursor::new(answer.body);
+    // Its length is known however long it is.
+    let response =
+        Response::new(answer.status.into(), headers, body, Some(length), None).with_chunked_threshold(usize::MAX);
     // A page that went away is no failure.
     let _ = request.respond(response);
 }
@@ -219,7 +222,10 @@ fn crop(board: &Board, query: &Query) -> Answer {
             board.wish_crop(Some(PixelBounds { x0, y0, x1, y1 }));
         }
         _ => {
-            return Answer::refusal(400, "write /crop?x0=..&y0=..&x1=..&y1=.. with x0 < x1 and y0 < y1, or /crop alone");
+            return Answer::refusal(
+                400,
+                "write /crop?x0=..&y0=..&x1=..&y1=.. with x0 < x1 and y0 < y1, or /crop alone",
+            );
         }
     }
     Answer::json(&json!({}))

@@ -305,7 +305,7 @@ function paint() {
   if (status.crop) frame(status.crop, "#e0a63c");
   if (drag && drag.crop) frame(drag.crop, "#ffffff");
   if (pinned) frame([pinned.x, pinned.y, pinned.x + 1, pinned.y + 1], "#ffffff");
-  $("zoom").textContent = `${p.width} × ${p.height}   ${Math.round(100 * p.scale)} %`;
+  $("zoom").textContent = `${p.width} × ${p.height}  ·  ${Math.round(100 * p.scale)} %`;
 }
 
 let isMoving = false;
@@ -494,7 +494,7 @@ function show(last) {
   $("activity").textContent = names[status.activity] || status.activity;
   $("activity").className = `chip ${status.activity}`;
   $("paths").textContent = status.picture ? `${status.paths || "<1"} / ${status.spp} paths` : "";
-  const made = status.made.length ? `made again: ${status.made.join(", ")}` : "all kept";
+  const made = status.made.length ? `made: ${status.made.join(", ")}` : "all kept";
   $("timing").textContent = status.picture ? `first pixels ${status.first_pixels.toFixed(2)} s · ${made}` : "";
   $("timing").title = $("timing").textContent;
   $("bar").className = status.activity === "done" || status.activity === "error" ? "idle" : "";
