@@ -72,8 +72,8 @@ mod tests {
             let count = 50_000;
             for i in 0..count {
                 // Greys, and colours from deep shadow to beyond white.
-                let scale = (rng.uniform() * 14.0 - 10.0).exp2() as f32;
-                let mut channel = || if i % 4 == 0 { scale } else { scale * rng.uniform() as f32 };
+                let scale = (rng.uniform() * 14.0 - 10.0).exp2();
+                let mut channel = || if i % 4 == 0 { scale } else { scale * rng.uniform() };
                 let rgb = [channel(), channel(), channel()];
                 let (shown, table) = (view.apply(rgb), look_up(&table, rgb));
                 for (a, b) in shown.iter().zip(table) {

@@ -198,15 +198,18 @@ const wayOf = (layer) => {
   return layer.channels.length === 3 && !isFalse && layer.name !== "P" ? 0 : 2;
 };
 
+/// Between which numbers most data are: a horizon or a firefly is not what the colours are for.
 function rangeOf({ count, data }) {
-  let low = Infinity, high = -Infinity;
-  const step = count * Math.max(1, Math.floor(data.length / count / 100000));
+  const step = count * Math.max(1, Math.floor(data.length / count / 50000));
+  const sizes = [];
   for (let i = 0; i < data.length; i += step) {
-    let x = data[i];
-    if (count > 1) x = Math.hypot(data[i], data[i + 1], count > 2 ? data[i + 2] : 0);
-    if (Number.isFinite(x)) { low = Math.min(low, x); high = Math.max(high, x); }
+    const x = count > 1 ? Math.hypot(data[i], data[i + 1], count > 2 ? data[i + 2] : 0) : data[i];
+    if (Number.isFinite(x)) sizes.push(x);
   }
-  return low < high ? [low, high] : [Number.isFinite(low) ? low : 0, (Number.isFinite(low) ? low : 0) + 1];
+  const sorted = Float32Array.from(sizes).sort();
+  const share = (part) => sorted[Math.min(sorted.length - 1, Math.floor(part * sorted.length))] ?? 0;
+  const [low, high] = [share(0.005), share(0.95)];
+  return low < high ? [low, high] : [low, low + 1];
 }
 
 async function tableOf(name) {
