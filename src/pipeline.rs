@@ -6,6 +6,7 @@ pub mod inputs;
 pub mod live;
 mod mask_files;
 mod smoke;
+pub mod turntable;
 mod volumes;
 
 use crate::error::Error;

@@ -16,7 +16,19 @@ fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
     let [out, err] = folder.expect(0, &["--help"]);
     contains(&out, &["render", "check", "schema", "bake", "compare", "flow", "streamlines", "128+n"]);
     assert!(err.is_empty());
-    for verb in ["render", "watch", "check", "schema", "bake", "compare", "inspect", "denoise", "flow", "streamlines"] {
+    for verb in [
+        "render",
+        "watch",
+        "turntable",
+        "check",
+        "schema",
+        "bake",
+        "compare",
+        "inspect",
+        "denoise",
+        "flow",
+        "streamlines",
+    ] {
         let [out, _] = folder.expect(0, &[verb, "--help"]);
         contains(&out, &["Example: curlsmoke"]);
     }
@@ -94,6 +106,32 @@ fn one_pixel_is_that_of_the_picture() {
     }
     let [_, err] = folder.expect(2, &[&arguments[..], &["--pixel", "24,0"]].concat());
     contains(&err, &["24 × 16"]);
+}
+
+#[test]
+fn a_turntable_begins_where_the_camera_stands() {
+    let folder = Folder::new();
+    // Lit from one side, so that views differ.
+    let sun = "sun: {direction: [-1, 0, 0], irradiance: [3, 3, 3]}";
+    folder.write("ball.yaml", &BALL.replace("environment: {radiance: [1, 1, 1]}", sun));
+    let arguments = ["turntable", "ball.yaml", "--at", "2", "--frames", "1-4", "--progress", "none"];
+    let [out, _] = folder.expect(0, &arguments);
+    assert_eq!(out.lines().count(), 4, "{out}");
+    let mean = |name: &str| -> f32 {
+        let image = exr::read(&folder.path(name), 1 << 30).unwrap();
+        let red = image.channel("R").unwrap();
+        red.iter().sum::<f32>() / red.len() as f32
+    };
+    let views: Vec<f32> = (1..=4).map(|view| mean(&format!("out/ball.turn.{view:04}.exr"))).collect();
+    // The sun comes from the right, where the camera is after a quarter of the turn.
+    assert!(views[1] > 1.5 * views[0] && views[3] < 0.1 * views[0], "{views:?}");
+    assert!((views[2] / views[0] - 1.0).abs() < 0.3, "{views:?}");
+    folder.expect(0, &["render", "ball.yaml", "--frames", "2", "--progress", "none"]);
+    assert!((mean("out/ball.0002.exr") / views[0] - 1.0).abs() < 0.3, "the same view with other noise");
+    let [_, err] = folder.expect(0, &[&arguments[..], &["--resume"]].concat());
+    assert!(!err.contains("error"), "{err}");
+    let [_, err] = folder.expect(2, &["turntable", "ball.yaml", "--at", "9"]);
+    contains(&err, &["--at 9", "1 to 3"]);
 }
 
 #[test]

@@ -31,6 +31,9 @@ pub enum Verb {
     /// Look on while a scene changes: render again whenever it is saved, on a local page or in tev
     #[command(after_help = "Example: curlsmoke watch scenes/plume.yaml --serve --resolution 50%")]
     Watch(WatchArguments),
+    /// Render one frame from all round
+    #[command(after_help = "Example: curlsmoke turntable scenes/plume.yaml --at 12 --frames 1-48 --spp 64")]
+    Turntable(TurntableArguments),
     /// Check scenes and report every problem with its place
     #[command(after_help = "Example: curlsmoke check scenes/*.yaml")]
     Check(CheckArguments),
@@ -167,6 +170,18 @@ pub struct WatchArguments {
     /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
     #[arg(long, value_name = "EDGES")]
     pub crop: Option<Crop>,
+}
+
+/// Flags of `turntable`.
+#[derive(Debug, Args)]
+pub struct TurntableArguments {
+    /// Flags shared with `render`; --frames lists the views, 1-48 unless it says otherwise, of which the
+    /// least to the one after the largest are a turn.
+    #[command(flatten)]
+    pub render: RenderArguments,
+    /// The frame of the scene to look at [default: its first]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    pub at: Option<i32>,
 }
 
 /// Flags of `bake`.

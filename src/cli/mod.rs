@@ -16,6 +16,7 @@ pub mod progress;
 mod render;
 mod signals;
 mod streamlines;
+mod turntable;
 mod values;
 mod warp;
 mod watch;
@@ -52,6 +53,7 @@ pub fn run() -> u8 {
     let result = match arguments.verb {
         Verb::Render(arguments) => render::run(&arguments),
         Verb::Watch(arguments) => watch::run(&arguments),
+        Verb::Turntable(arguments) => turntable::run(arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Schema => check::schema(),
         Verb::Bake(arguments) => bake::run(&arguments),

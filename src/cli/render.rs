@@ -62,7 +62,7 @@ pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: 
 }
 
 /// The scene with the flags of `render` applied.
-fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
+pub(super) fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     let mut overrides = Vec::new();
     if let Some(noise) = arguments.noise_target {
         overrides.push(("film.noise_target".to_string(), noise.to_string()));
@@ -113,14 +113,14 @@ pub(super) fn scene_of_watch(arguments: &WatchArguments) -> Result<Scene, Error>
 }
 
 /// Names of the pictures of a scene.
-struct Names {
+pub(super) struct Names {
     image: Pattern,
     preview: Option<Pattern>,
     scene: String,
 }
 
 impl Names {
-    fn of(scene: &Scene) -> Result<Self, Error> {
+    pub(super) fn of(scene: &Scene) -> Result<Self, Error> {
         let parse = |text: &str| Pattern::parse(text).map_err(|e| Error::Pattern(text.into(), e));
         let output = &scene.settings.output;
         let preview = output.preview.as_deref().map(parse).transpose()?;
@@ -132,7 +132,7 @@ impl Names {
     }
 
     /// What is said of a frame on standard output: its picture, and how it went.
-    fn line(&self, outcome: &FrameOutcome) -> String {
+    pub(super) fn line(&self, outcome: &FrameOutcome) -> String {
         match outcome {
             FrameOutcome::Kept { frame } => self.image(*frame).display().to_string(),
             FrameOutcome::Made(record) => format!(
@@ -146,7 +146,7 @@ impl Names {
 }
 
 /// Prints what would be made.
-fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
+pub(super) fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
     check_distinct(frames, |frame| names.image(frame))?;
     let film = &scene.settings.film;
     let [width, height] = film.resolution;

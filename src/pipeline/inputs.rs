@@ -99,17 +99,8 @@ impl Inputs {
                 let rest = rest(&[&["lights", "smoke", "volumes", "flow", "render.seed"], &LOOKS]);
                 (json!([rest, near]), mesh_files(scene))
             }
-            // Of shapes alone; those that move are placed for each frame.
-            Part::Surfaces => {
-                let moves = scene.settings.shapes.values().any(|shape| shape.motion.is_some());
-                (
-                    json!([
-                        moves.then_some(frame),
-                        rest(&[&["lights", "smoke", "volumes", "flow", "render.seed", "shapes"]])
-                    ]),
-                    vec![],
-                )
-            }
+            // Of shapes alone; `live.rs` adds the frame where any of them moves.
+            Part::Surfaces => (rest(&[&["lights", "smoke", "volumes", "flow", "render.seed", "shapes"]]), vec![]),
             Part::Textures => {
                 let pictures = |shape: &settings::Shape| -> Vec<Value> {
                     let textures = shape.material.textures().into_iter();
@@ -119,6 +110,7 @@ impl Inputs {
                 let shapes: Vec<_> = scene.settings.shapes.iter().map(|(name, s)| json!([name, pictures(s)])).collect();
                 (json!([shapes, scene.settings.render.memory_limit_gib]), texture_files(scene))
             }
+            // Lights stand still: nothing of a scene moves them or changes them with time.
             Part::Lights => (rest(&[&["smoke", "volumes", "flow", "shapes", "render.seed"]]), light_files(scene)),
             Part::Particles => {
                 let own = ["lights", "volumes", "smoke.medium", "smoke.blackbody", "smoke.remap", "smoke.detail"];

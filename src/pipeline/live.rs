@@ -70,12 +70,18 @@ fn not_ready() -> Error {
     Error::Internal("a picture was asked for before its parts were made".into())
 }
 
+/// Shapes where they are at a frame.
+struct Placed {
+    geometry: Geometry,
+    /// The same as a target of rays; only while the world does not have it.
+    surfaces: Option<TraceScene>,
+}
+
 /// What is kept from picture to picture.
 #[derive(Default)]
 pub struct LiveStudio {
     shapes: Slot<Inputs, Geometry>,
-    /// Shapes where they are at the frame, and as a target of rays; the latter only while `world` does not have it.
-    placed: Slot<(Inputs, u64), (Geometry, Option<TraceScene>)>,
+    placed: Slot<(Inputs, u64, Option<i32>), Placed>,
     textures: Slot<Inputs, TextureStore>,
     /// Only while `world` does not have them.
     lights: Slot<Inputs, Option<Vec<Light>>>,
@@ -109,11 +115,12 @@ impl LiveStudio {
         let (geometry, shapes) = (self.shapes.get()?, self.shapes.generation);
         geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
         let place = || {
-            let placed = if geometry.moves() { geometry.at(time) } else { geometry.clone() };
-            let surfaces = placed.trace_scene()?;
-            Ok((placed, Some(surfaces)))
+            let geometry = if geometry.moves() { geometry.at(time) } else { geometry.clone() };
+            let surfaces = Some(geometry.trace_scene()?);
+            Ok(Placed { geometry, surfaces })
         };
-        note(Part::Surfaces, self.placed.renew((inputs(Part::Surfaces)?, shapes), place)?);
+        let key = (inputs(Part::Surfaces)?, shapes, geometry.moves().then_some(frame));
+        note(Part::Surfaces, self.placed.renew(key, place)?);
         note(Part::Textures, self.textures.renew(inputs(Part::Textures)?, || load_textures(scene))?);
         note(Part::Lights, self.lights.renew(inputs(Part::Lights)?, || load_lights(scene).map(Some))?);
 
@@ -200,14 +207,14 @@ impl LiveStudio {
         if let Some((_, lights)) = &mut self.lights.held {
             *lights = Some(world.lights);
         }
-        if let Some((_, (_, surfaces))) = &mut self.placed.held {
-            *surfaces = Some(world.surfaces);
+        if let Some((_, placed)) = &mut self.placed.held {
+            placed.surfaces = Some(world.surfaces);
         }
     }
 
     /// Puts surfaces, materials and lights together, and works out how much of each sun reaches where.
     fn assemble(&mut self, scene: &Scene, time: f64) -> Result<(), Error> {
-        let (geometry, surfaces) = self.placed.get_mut()?;
+        let Placed { geometry, surfaces } = self.placed.get_mut()?;
         let materials = render::build_materials(scene, geometry, self.textures.get_mut()?, time);
         let lights = self.lights.get_mut()?.take().ok_or_else(not_ready)?;
         let surfaces = surfaces.take().ok_or_else(not_ready)?;

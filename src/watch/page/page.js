@@ -3,7 +3,7 @@
 // are shown is decided here, by tables of the renderer's own view transforms.
 
 const $ = (id) => document.getElementById(id);
-const SIZE = 64, GAIN = 63, TOP = Math.log(512); // of those tables: see view_table.rs
+const SIZE = 64, GAIN = 63, TOP = 10.5 * Math.LN2; // of those tables: see view_table.rs
 
 // ---- False colour ------------------------------------------------------------------------------------------------------------
 
@@ -42,9 +42,15 @@ void main() {
   vec4 p = texelFetch(pixels, ivec2(int(gl_FragCoord.x), int(size.y) - 1 - int(gl_FragCoord.y)), 0);
   vec3 c = channels == 1 ? p.rrr : p.rgb;
   if (way == 0) {
-    vec3 x = max(c * gain, 0.0);
-    vec3 s = clamp(log(1.0 + ${GAIN}.0 * x) / ${TOP}, 0.0, 1.0);
-    color = texture(table, (s * ${SIZE - 1}.0 + 0.5) / ${SIZE}.0);
+    vec3 s = clamp(log(1.0 + ${GAIN}.0 * max(c * gain, 0.0)) / ${TOP}, 0.0, 1.0) * ${SIZE - 1}.0;
+    ivec3 low = min(ivec3(s), ivec3(${SIZE - 2}));
+    vec3 f = s - vec3(low);
+    bool rg = f.r >= f.g, gb = f.g >= f.b, rb = f.r >= f.b;
+    ivec3 most = rg && rb ? ivec3(1, 0, 0) : !rg && gb ? ivec3(0, 1, 0) : ivec3(0, 0, 1);
+    ivec3 least = gb && rb ? ivec3(0, 0, 1) : rg && !gb ? ivec3(0, 1, 0) : ivec3(1, 0, 0);
+    float a = dot(f, vec3(most)), z = dot(f, vec3(least)), m = f.r + f.g + f.b - a - z;
+    color = (1.0 - a) * texelFetch(table, low, 0) + (a - m) * texelFetch(table, low + most, 0)
+      + (m - z) * texelFetch(table, low + 1 - least, 0) + z * texelFetch(table, low + 1, 0);
   } else if (way == 3) {
     color = vec4(0.5 + 0.5 * c, 1.0);
   } else {
@@ -84,7 +90,7 @@ void main() { gl_Position = vec4(vec2[3](vec2(-1), vec2(3, -1), vec2(-1, 3))[gl_
   };
   texture(0, gl.TEXTURE_2D, gl.NEAREST);
   texture(1, gl.TEXTURE_2D, gl.NEAREST);
-  texture(2, gl.TEXTURE_3D, gl.LINEAR);
+  texture(2, gl.TEXTURE_3D, gl.NEAREST);
   const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
   let shown = {};
   return {
@@ -117,6 +123,9 @@ void main() { gl_Position = vec4(vec2[3](vec2(-1), vec2(3, -1), vec2(-1, 3))[gl_
   };
 }
 
+const [RGB, RBG, BRG, GRB, GBR, BGR] = [[0, 1, 2], [0, 2, 1], [2, 0, 1], [1, 0, 2], [1, 2, 0], [2, 1, 0]];
+const STEPS = [4, 4 * SIZE, 4 * SIZE * SIZE];
+
 /// The same by the processor, where there is no WebGL.
 function plainDeveloper(canvas) {
   const context = canvas.getContext("2d");
@@ -148,15 +157,18 @@ function plainDeveloper(canvas) {
             low[c] = Math.min(SIZE - 2, s | 0);
             part[c] = s - low[c];
           }
-          for (let c = 0; c < 3; c++) {
-            let sum = 0;
-            for (let corner = 0; corner < 8; corner++) {
-              const [dx, dy, dz] = [corner & 1, corner >> 1 & 1, corner >> 2];
-              const weight = (dx ? part[0] : 1 - part[0]) * (dy ? part[1] : 1 - part[1]) * (dz ? part[2] : 1 - part[2]);
-              sum += weight * lut[4 * (((low[2] + dz) * SIZE + low[1] + dy) * SIZE + low[0] + dx) + c];
-            }
-            out[to + c] = 255 * sum + 0.5;
+          // By tetrahedra: from the low corner along the axes, the largest part first.
+          const [f, g1, h] = part;
+          const axes = f >= g1 ? (g1 >= h ? RGB : f >= h ? RBG : BRG) : f >= h ? GRB : g1 >= h ? GBR : BGR;
+          let place = 4 * ((low[2] * SIZE + low[1]) * SIZE + low[0]), left = 1;
+          let [x, y, z] = [0, 0, 0];
+          for (let step = 0; step < 4; step++) {
+            const next = step < 3 ? part[axes[step]] : 0, weight = left - next;
+            x += weight * lut[place]; y += weight * lut[place + 1]; z += weight * lut[place + 2];
+            left = next;
+            if (step < 3) place += STEPS[axes[step]];
           }
+          out[to] = 255 * x; out[to + 1] = 255 * y; out[to + 2] = 255 * z; // rounded by the array itself
         } else if (way === 3) {
           [out[to], out[to + 1], out[to + 2]] = [r, g, b].map((x) => 127.5 + 127.5 * x);
         } else {
