@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test test-farm gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers costs
+.PHONY: plume test test-farm test-page page-picture gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers costs
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -17,6 +17,18 @@ test-farm:
 	./bootstrap.sh
 	cargo build --release --bin curlsmoke
 	tests/farm/run.sh
+
+# The page of `curlsmoke watch` in a real browser.
+test-page page-picture:
+	./bootstrap.sh
+	@command -v chromedriver >/dev/null || { echo "make: installing chromium and chromium-driver" >&2; \
+		apt-get install -y --no-install-recommends chromium chromium-driver >&2; } || \
+		{ echo "make: chromedriver is missing and could not be installed; install Chromium and its driver (Debian: chromium chromium-driver)" >&2; exit 1; }
+	cargo test --test page -- --ignored --test-threads 1 $(PAGE_TESTS)
+
+test-page: PAGE_TESTS = --skip picture_of_the_page
+# docs/watch.png.
+page-picture: PAGE_TESTS = picture_of_the_page
 
 # The pictures of docs/gallery/.
 gallery:

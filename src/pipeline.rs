@@ -3,14 +3,18 @@
 mod fingerprint;
 mod frame_files;
 mod heat;
+pub mod inputs;
 mod keeper;
+pub mod live;
 mod mask_files;
 pub mod merge;
 mod smoke;
+pub mod turntable;
 mod volumes;
 
 use crate::error::Error;
 use crate::flow::Flow;
+use crate::geometry::moment::Shutter;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::vdb;
 use crate::inspect::Inspection;
@@ -23,7 +27,7 @@ use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write
 use crate::pipeline::heat::Heat;
 use crate::pipeline::keeper::Keeper;
 use crate::pipeline::mask_files::SceneFiles;
-use crate::pipeline::smoke::SmokeSource;
+use crate::pipeline::smoke::{FrameSmoke, SmokeSource};
 use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::film::{Film, PathCounts, PixelBounds};
@@ -31,6 +35,7 @@ use crate::render::layers::Layer;
 use crate::render::ledger::Ledger;
 use crate::render::material::Material;
 use crate::render::media::Media;
+use crate::render::medium::Medium;
 use crate::render::motion::FrameMotion;
 use crate::render::picture::Picture;
 use crate::render::sun_shadow;
@@ -106,55 +111,78 @@ pub fn render(
             on_frame(&FrameOutcome::Kept { frame });
             continue;
         }
-        let mut record = Sidecar {
-            frame,
-            fingerprint,
-            version: env!("CARGO_PKG_VERSION").into(),
-            arguments: job.arguments.clone(),
-            scene: scene.path.to_string_lossy().into_owned(),
-            scene_sha256: scene.file_hash.clone(),
-            overrides: scene.overrides.clone(),
-            seed: scene.settings.render.seed,
-            resolution: scene.settings.film.resolution,
-            crop: job.crop.map(|crop| [crop.x0, crop.y0, crop.x1, crop.y1]),
-            spp: scene.settings.film.spp,
-            ..Sidecar::default()
-        };
-        // Built for the first frame that is made, so that a run with nothing to do ends at once.
-        let studio = match &mut studio {
-            Some(studio) => studio,
-            none => none.insert(Studio::build(scene, progress, &mut record)?),
-        };
-        let view = render::build_view(scene, frame, job.crop);
-        let keeper = Keeper::new(scene, &view, &files, job, &record, progress);
-        let done = if job.resume { keeper.load() } else { Vec::new() };
-        record.tiles_resumed = done.iter().flatten().count();
-        let samples = job.samples.map(|[first, last]| first - 1..last);
-        let watcher = |ledger: &Ledger| keeper.look(ledger);
-        let ledger = Ledger::new(samples, done, Some(&watcher));
-        match studio.take_picture(scene, &view, frame, &ledger, progress, &mut record) {
-            Ok(spp) => record.spp = spp,
-            Err(error) => {
-                if error.is_cancelled() {
-                    keeper.save(&ledger);
-                }
-                return Err(error);
-            }
-        }
-        let tiles = ledger.tiles();
-        drop(ledger);
-        let path = if job.samples.is_some() {
-            write_part(&keeper, &files, &tiles, progress, &mut record)?
-        } else {
-            let film = tiles::canvas(&view).film(record.spp, &tiles);
-            drop(tiles);
-            let finish = finish_of(scene, &view, &record);
-            write_picture(&files.target(frame), film, finish, progress, &mut record)?
-        };
-        keeper.forget();
-        on_frame(&FrameOutcome::Made { path, record: Box::new(record) });
+        let shot = Shot { scene, frame, number: frame, fingerprint };
+        on_frame(&make(&shot, job, &files, &mut studio, progress)?);
     }
     Ok(())
+}
+
+/// A picture to be made.
+struct Shot<'a> {
+    scene: &'a Scene,
+    /// The frame of the scene.
+    frame: i32,
+    /// The number in the names of files.
+    number: i32,
+    fingerprint: String,
+}
+
+/// Makes a picture and writes its files; the studio is built for the first that is made, so that a run with nothing to do ends at
+/// once.
+fn make(
+    shot: &Shot,
+    job: &RenderJob,
+    files: &OutputFiles,
+    studio: &mut Option<Studio>,
+    progress: &dyn Progress,
+) -> Result<FrameOutcome, Error> {
+    let scene = shot.scene;
+    let mut record = Sidecar {
+        frame: shot.number,
+        fingerprint: shot.fingerprint.clone(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        arguments: job.arguments.clone(),
+        scene: scene.path.to_string_lossy().into_owned(),
+        scene_sha256: scene.file_hash.clone(),
+        overrides: scene.overrides.clone(),
+        seed: scene.settings.render.seed,
+        resolution: scene.settings.film.resolution,
+        crop: job.crop.map(|crop| [crop.x0, crop.y0, crop.x1, crop.y1]),
+        spp: scene.settings.film.spp,
+        ..Sidecar::default()
+    };
+    let studio = match studio {
+        Some(studio) => studio,
+        none => none.insert(Studio::build(scene, progress, &mut record)?),
+    };
+    let view = render::build_view(scene, shot.frame, job.crop);
+    let keeper = Keeper::new(scene, &view, files, job, &record, progress);
+    let done = if job.resume { keeper.load() } else { Vec::new() };
+    record.tiles_resumed = done.iter().flatten().count();
+    let samples = job.samples.map(|[first, last]| first - 1..last);
+    let watcher = |ledger: &Ledger| keeper.look(ledger);
+    let ledger = Ledger::new(samples, done, Some(&watcher));
+    match studio.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
+        Ok(spp) => record.spp = spp,
+        Err(error) => {
+            if error.is_cancelled() {
+                keeper.save(&ledger);
+            }
+            return Err(error);
+        }
+    }
+    let tiles = ledger.tiles();
+    drop(ledger);
+    let path = if job.samples.is_some() {
+        write_part(&keeper, files, &tiles, progress, &mut record)?
+    } else {
+        let film = tiles::canvas(&view).film(record.spp, &tiles);
+        drop(tiles);
+        let finish = finish_of(scene, &view, &record);
+        write_picture(&files.target(shot.number), film, finish, progress, &mut record)?
+    };
+    keeper.forget();
+    Ok(FrameOutcome::Made { path, record: Box::new(record) })
 }
 
 /// Frames of a job, of those that it lists, that are not finished or were made from something else.
@@ -324,37 +352,14 @@ impl Studio {
     ) -> Result<u32, Error> {
         let grid = self.smoke.grid(scene, frame, smoke_heat(scene), progress, record)?;
         let start = Instant::now();
-        let medium = grid
-            .map(|smoke| {
-                let mut medium = render::build_medium(scene, smoke.density)?;
-                if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
-                    render::kindle(medium, glow, smoke.is_unbound)?;
-                }
-                let detail = scene.settings.smoke.as_ref().and_then(|smoke| smoke.detail);
-                if let (Some(medium), Some(detail)) = (&mut medium, detail) {
-                    render::add_detail(medium, &detail, time_of(scene, frame))?;
-                }
-                Ok(medium)
-            })
-            .transpose()
-            .map_err(|e: RenderError| {
-                let key = match e {
-                    RenderError::TooHot { .. } if smoke_heat(scene).is_some() => "smoke.blackbody",
-                    RenderError::TooHot { .. } => "smoke.file.emission_gain",
-                    RenderError::TooDenseForDetail { .. } => "smoke.detail",
-                    _ => "smoke.medium.extinction",
-                };
-                in_scene(scene, key, Some(frame), e)
-            })?
-            .flatten();
+        let medium = grid.map(|smoke| build_medium(scene, frame, smoke)).transpose()?.flatten();
         record.add_time(Stage::Grid, start.elapsed());
         let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
         let media = Media::new(medium.as_ref(), &volumes);
         check_camera(scene, &[frame])?;
         let moved;
         let time = time_of(scene, frame);
-        let frames = &scene.settings.frames;
-        let shutter = self.geometry.shutter(time, frames.shutter.map(|share| time + share / frames.fps));
+        let shutter = shutter_of(scene, &self.geometry, time);
         let world = match &mut self.world {
             Some(world) => {
                 world.materials = render::build_materials(scene, &self.geometry, &mut self.textures, time);
@@ -372,15 +377,8 @@ impl Studio {
         render::take_time(&mut view, scene, shutter);
         let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
         let most = view.bounds.area() as u64 * paths as u64;
-        let motion = view.layers.contains(&Layer::Motion).then(|| {
-            let seconds = scene.settings.frames.fps.recip();
-            let flow = self.smoke.flow().map(|flow| flow.span(time, seconds));
-            let course = render::camera_course(scene);
-            let next_camera = if course.varies() { course.at(time + seconds).ok() } else { None };
-            let mut motion = FrameMotion::new(&self.geometry, flow, time, seconds);
-            motion.next_camera = next_camera;
-            motion
-        });
+        let motion =
+            view.layers.contains(&Layer::Motion).then(|| frame_motion(scene, &self.geometry, &self.smoke, time));
         let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
         let spp = timed(progress, Stage::Render, record, most, || {
             tiles::render_to(ledger, &view, world, media, motion.as_ref(), progress)
@@ -404,10 +402,49 @@ impl Studio {
     }
 }
 
+/// How shapes move while the shutter of a frame is open.
+fn shutter_of(scene: &Scene, geometry: &Geometry, time: f64) -> Shutter {
+    let frames = &scene.settings.frames;
+    geometry.shutter(time, frames.shutter.map(|share| time + share / frames.fps))
+}
+
+/// How all things move from the frame at `time` [s] to the next.
+fn frame_motion<'a>(scene: &Scene, geometry: &'a Geometry, smoke: &'a SmokeSource, time: f64) -> FrameMotion<'a> {
+    let seconds = scene.settings.frames.fps.recip();
+    let course = render::camera_course(scene);
+    let mut motion = FrameMotion::new(geometry, smoke.flow().map(|flow| flow.span(time, seconds)), time, seconds);
+    motion.next_camera = if course.varies() { course.at(time + seconds).ok() } else { None };
+    motion
+}
+
 /// Makes sure that a camera that moves looks somewhere at frames.
 fn check_camera(scene: &Scene, frames: &[i32]) -> Result<(), Error> {
     frames.iter().try_for_each(|&frame| {
         render::check_camera(scene, frame).map_err(|e| in_scene(scene, "camera.look_at", Some(frame), e))
+    })
+}
+
+/// The smoke of a frame as light sees it.
+fn build_medium(scene: &Scene, frame: i32, smoke: FrameSmoke) -> Result<Option<Medium>, Error> {
+    let build = || {
+        let mut medium = render::build_medium(scene, smoke.density)?;
+        if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
+            render::kindle(medium, glow, smoke.is_unbound)?;
+        }
+        let detail = scene.settings.smoke.as_ref().and_then(|smoke| smoke.detail);
+        if let (Some(medium), Some(detail)) = (&mut medium, detail) {
+            render::add_detail(medium, &detail, time_of(scene, frame))?;
+        }
+        Ok(medium)
+    };
+    build().map_err(|e: RenderError| {
+        let key = match e {
+            RenderError::TooHot { .. } if smoke_heat(scene).is_some() => "smoke.blackbody",
+            RenderError::TooHot { .. } => "smoke.file.emission_gain",
+            RenderError::TooDenseForDetail { .. } => "smoke.detail",
+            _ => "smoke.medium.extinction",
+        };
+        in_scene(scene, key, Some(frame), e)
     })
 }
 

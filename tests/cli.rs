@@ -16,7 +16,19 @@ fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
     let [out, err] = folder.expect(0, &["--help"]);
     contains(&out, &["render", "check", "schema", "bake", "compare", "flow", "streamlines", "128+n"]);
     assert!(err.is_empty());
-    for verb in ["render", "check", "schema", "bake", "compare", "denoise", "flow", "streamlines"] {
+    for verb in [
+        "render",
+        "watch",
+        "turntable",
+        "check",
+        "schema",
+        "bake",
+        "compare",
+        "inspect",
+        "denoise",
+        "flow",
+        "streamlines",
+    ] {
         let [out, _] = folder.expect(0, &[verb, "--help"]);
         contains(&out, &["Example: curlsmoke"]);
     }
@@ -50,6 +62,87 @@ fn check_tells_good_scenes_from_bad_ones() {
     let reports: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!((&reports[0]["ok"], &reports[1]["ok"]), (&false.into(), &true.into()));
     assert_eq!(reports[0]["problems"][0]["position"]["line"], 7);
+}
+
+#[test]
+fn inspect_tells_what_a_picture_holds() {
+    let folder = Folder::new();
+    let mut image = Image::cropped([8, 4], [2, 1, 4, 3]);
+    image.push_rgb("", SampleKind::Float, &[[0.5, -1.0, 2.0], [1.5, 0.0, f32::NAN], [3.5, 0.0, 0.0], [0.5; 3]]);
+    image.push("Z", SampleKind::Float, vec![f32::INFINITY, 1.0, 2.0, 3.0]);
+    std::fs::write(folder.path("a.exr"), exr::write(&image, Compression::Zips).unwrap()).unwrap();
+    let [out, _] = folder.expect(0, &["inspect", "a.exr"]);
+    contains(&out, &["8 × 4 pixels", "data at 2, 1: 2 × 2 pixels", "Z ", "32 bit"]);
+    let [out, _] = folder.expect(0, &["inspect", "a.exr", "--pixel", "3,1"]);
+    let lines: Vec<Vec<&str>> = out.lines().map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(lines, [["R", "1.5"], ["G", "0"], ["B", "NaN"], ["Z", "1"]]);
+    let [out, _] = folder.expect(0, &["inspect", "a.exr", "--stats"]);
+    let row =
+        |name: &str| out.lines().find(|line| line.starts_with(name)).unwrap().split_whitespace().collect::<Vec<_>>();
+    assert_eq!(row("R "), ["R", "0.50000", "1.50000", "3.50000", "3.50000", "1.50000", "2,2", "0", "0", "0"]);
+    assert_eq!((row("G ")[7], row("B ")[9], row("Z ")[8]), ("1", "1", "1"));
+    let [_, err] = folder.expect(2, &["inspect", "a.exr", "--pixel", "0,0"]);
+    contains(&err, &["from 2,1 to 3,2"]);
+    folder.expect(2, &["inspect", "a.exr", "--pixel", "1"]);
+    folder.expect(4, &["inspect", "none.exr"]);
+}
+
+#[test]
+fn one_pixel_is_that_of_the_picture() {
+    let folder = Folder::new();
+    let arguments = ["render", "ball.yaml", "--frames", "2", "--progress", "none"];
+    let [out, _] = folder.expect(0, &[&arguments[..], &["--pixel", "12,8"]].concat());
+    contains(&out, &["frame 2, pixel 12,8", "surface_direct.R", "null_collisions", "4 paths,"]);
+    assert!(folder.files("out").is_empty(), "nothing is written");
+    let value = |name: &str| -> f32 {
+        let line = out.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    };
+    folder.expect(0, &arguments);
+    let image = exr::read(&folder.path("out/ball.0002.exr"), 1 << 30).unwrap();
+    let at = 8 * 24 + 12;
+    for name in ["Z", "N.X", "variance.G"] {
+        assert_eq!(value(name), image.channel(name).unwrap()[at], "{name}");
+    }
+    let [_, err] = folder.expect(2, &[&arguments[..], &["--pixel", "24,0"]].concat());
+    contains(&err, &["24 × 16"]);
+}
+
+#[test]
+fn a_turntable_begins_where_the_camera_stands() {
+    let folder = Folder::new();
+    // Lit from one side, so that views differ.
+    let sun = "sun: {direction: [-1, 0, 0], irradiance: [3, 3, 3]}";
+    folder.write("ball.yaml", &BALL.replace("environment: {radiance: [1, 1, 1]}", sun));
+    let arguments = ["turntable", "ball.yaml", "--at", "2", "--frames", "1-4", "--progress", "none"];
+    let [out, _] = folder.expect(0, &arguments);
+    assert_eq!(out.lines().count(), 4, "{out}");
+    let mean = |name: &str| -> f32 {
+        let image = exr::read(&folder.path(name), 1 << 30).unwrap();
+        let red = image.channel("R").unwrap();
+        red.iter().sum::<f32>() / red.len() as f32
+    };
+    let views: Vec<f32> = (1..=4).map(|view| mean(&format!("out/ball.turn.{view:04}.exr"))).collect();
+    // The sun comes from the right, where the camera is after a quarter of the turn.
+    assert!(views[1] > 1.5 * views[0] && views[3] < 0.1 * views[0], "{views:?}");
+    assert!((views[2] / views[0] - 1.0).abs() < 0.3, "{views:?}");
+    folder.expect(0, &["render", "ball.yaml", "--frames", "2", "--progress", "none"]);
+    assert!((mean("out/ball.0002.exr") / views[0] - 1.0).abs() < 0.3, "the same view with other noise");
+    let [_, err] = folder.expect(0, &[&arguments[..], &["--resume"]].concat());
+    assert!(!err.contains("error"), "{err}");
+    let [_, err] = folder.expect(2, &["turntable", "ball.yaml", "--at", "9"]);
+    contains(&err, &["--at 9", "1 to 3"]);
+}
+
+#[test]
+fn watch_refuses_what_it_cannot_do() {
+    let folder = Folder::new();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let [_, err] = folder.expect(2, &["watch", "ball.yaml", "--serve", &port]);
+    contains(&err, &["--serve", &port, "another port"]);
+    let [_, err] = folder.expect(2, &["watch", "ball.yaml", "--display", "xv"]);
+    contains(&err, &["write tev, or tev=127.0.0.1:14158"]);
 }
 
 #[test]

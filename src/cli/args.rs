@@ -2,7 +2,7 @@
 
 use crate::cli::places::{self, Extent, Length, Plane};
 use crate::cli::progress::Style;
-use crate::cli::values::{self, Crop, Memory, Override, Resolution, Samples};
+use crate::cli::values::{self, Crop, Display, Memory, Override, PixelPlace, Resolution, Samples};
 use crate::inspect::slice_picture::Quantity;
 use crate::output::view::View;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -35,6 +35,12 @@ pub enum Verb {
     /// Print a ready job for a render farm
     #[command(subcommand, after_help = "Example: curlsmoke farm slurm scenes/plume.yaml --chunk 8 > plume.sbatch")]
     Farm(FarmVerb),
+    /// Look on while a scene changes: render again whenever it is saved, on a local page or in tev
+    #[command(after_help = "Example: curlsmoke watch scenes/plume.yaml --serve --resolution 50%")]
+    Watch(WatchArguments),
+    /// Render one frame from all round
+    #[command(after_help = "Example: curlsmoke turntable scenes/plume.yaml --at 12 --frames 1-48 --spp 64")]
+    Turntable(TurntableArguments),
     /// Check scenes and report every problem with its place
     #[command(after_help = "Example: curlsmoke check scenes/*.yaml")]
     Check(CheckArguments),
@@ -49,6 +55,9 @@ pub enum Verb {
         after_help = "Example: curlsmoke compare out/ring.exr refs/ring.mean.exr --mode stat --heat-map heat.png"
     )]
     Compare(CompareArguments),
+    /// Tell what a picture holds: its layers, one pixel, or what its numbers are like
+    #[command(after_help = "Example: curlsmoke inspect out/ring.0001.exr --pixel 320,180 --stats")]
+    Inspect(InspectImageArguments),
     /// Take the noise out of a rendered picture, with Intel's Open Image Denoise; keeps what was rendered
     #[command(
         after_help = "Example: curlsmoke denoise out/ring.exr -o out/ring.denoised.exr --preview out/ring.denoised.png"
@@ -137,9 +146,12 @@ pub struct RenderArguments {
     /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
     #[arg(long, value_name = "EDGES")]
     pub crop: Option<Crop>,
+    /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output", "samples", "missing", "movie"])]
+    pub pixel: Option<PixelPlace>,
     /// Trace these paths of each pixel only, counted from 1, as in 1-64, to a .part file
     /// beside the picture; `curlsmoke merge` joins such parts
-    #[arg(long, value_name = "FIRST-LAST", conflicts_with_all = ["noise_target", "time_limit"], verbatim_doc_comment)]
+    #[arg(long, value_name = "FIRST-LAST", conflicts_with_all = ["noise_target", "time_limit", "movie"], verbatim_doc_comment)]
     pub samples: Option<Samples>,
     /// Leave frames alone that are finished and made from this very scene, and go on
     /// from checkpoints
@@ -207,6 +219,43 @@ pub struct FarmArguments {
     /// Change a setting of the scene, as in --set film.spp=64
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<Override>,
+}
+
+/// Flags of `watch`.
+#[derive(Debug, Args)]
+pub struct WatchArguments {
+    /// Flags shared by verbs that look at one frame.
+    #[command(flatten)]
+    pub common: InspectArguments,
+    /// Show the picture on a page of this machine alone, on this port [default: 7640];
+    /// 0 is any that is free. The page is served without the flag too, unless
+    /// --display is there
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "7640", verbatim_doc_comment)]
+    pub serve: Option<u16>,
+    /// Show the picture in the viewer tev: tev, or tev=HOST:PORT
+    #[arg(long, value_name = "VIEWER")]
+    pub display: Option<Display>,
+    /// Paths traced through each pixel at most, instead of film.spp
+    #[arg(long, value_name = "COUNT")]
+    pub spp: Option<u32>,
+    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
+    #[arg(long, value_name = "EDGES")]
+    pub crop: Option<Crop>,
+}
+
+/// Flags of `turntable`.
+#[derive(Debug, Args)]
+pub struct TurntableArguments {
+    /// Flags shared with `render`; --frames lists the views, 1-48 unless it says otherwise, of which the
+    /// least to the one after the largest are a turn.
+    #[command(flatten)]
+    pub render: RenderArguments,
+    /// The frame of the scene to look at [default: its first]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    pub at: Option<i32>,
 }
 
 /// Flags of `bake`.
@@ -417,6 +466,25 @@ pub struct CompareArguments {
     /// Write how bad each pixel is, to .exr (numbers) or .png (colours); repeatable
     #[arg(long, value_name = "FILE")]
     pub heat_map: Vec<PathBuf>,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// Flags of `inspect`.
+#[derive(Debug, Args)]
+pub struct InspectImageArguments {
+    /// The picture (.exr, .hdr, .png)
+    pub image: PathBuf,
+    /// Print all channels of this pixel, from the top left
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub pixel: Option<PixelPlace>,
+    /// Print the least, largest and mean number of each channel, and count what should not be there
+    #[arg(long)]
+    pub stats: bool,
+    /// Print the names of all channels and what is known of the picture; also without any flag
+    #[arg(long)]
+    pub layers: bool,
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,

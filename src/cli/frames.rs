@@ -10,16 +10,18 @@ use crate::scene::pattern::spell;
 /// The scene with all flags applied that change it, `more` in front so that `--set` has the last word.
 pub fn load_scene(arguments: &FrameArguments, more: Vec<(String, String)>) -> Result<Scene, Error> {
     let mut overrides = more;
-    if let Some(seed) = arguments.seed {
-        overrides.push(("render.seed".into(), seed.to_string()));
-    }
-    if let Some(memory) = arguments.memory_limit {
-        overrides.push(("render.memory_limit_gib".into(), memory.0.to_string()));
-    }
+    overrides.extend(flags(arguments));
     overrides.extend(set_by_hand(arguments));
     warn_about(Scene::load_with(&arguments.scene, &overrides), |scene| {
         scene.warnings.iter().map(ToString::to_string).collect()
     })
+}
+
+/// What flags of their own say.
+pub fn flags(arguments: &FrameArguments) -> Vec<(String, String)> {
+    let seed = arguments.seed.map(|seed| ("render.seed".into(), seed.to_string()));
+    let memory = arguments.memory_limit.map(|memory| ("render.memory_limit_gib".into(), memory.0.to_string()));
+    seed.into_iter().chain(memory).collect()
 }
 
 /// What `--set` says.

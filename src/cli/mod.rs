@@ -9,7 +9,9 @@ mod denoise;
 mod farm;
 mod flow;
 mod frames;
+mod inspect;
 mod merge;
+mod pixel;
 mod places;
 mod points;
 pub mod progress;
@@ -17,8 +19,10 @@ mod render;
 mod sheet;
 mod signals;
 mod streamlines;
+mod turntable;
 mod values;
 mod warp;
+mod watch;
 
 use crate::cli::args::{Arguments, Verb};
 use crate::error::Error;
@@ -53,10 +57,13 @@ pub fn run() -> u8 {
         Verb::Render(arguments) => render::run(&arguments),
         Verb::Merge(arguments) => merge::run(&arguments),
         Verb::Farm(verb) => farm::run(&verb),
+        Verb::Watch(arguments) => watch::run(&arguments),
+        Verb::Turntable(arguments) => turntable::run(arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Schema => check::schema(),
         Verb::Bake(arguments) => bake::run(&arguments),
         Verb::Compare(arguments) => compare::run(&arguments),
+        Verb::Inspect(arguments) => inspect::run(&arguments),
         Verb::Denoise(arguments) => denoise::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),

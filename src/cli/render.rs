@@ -1,11 +1,11 @@
 //! `curlsmoke render`.
 
-use crate::cli::args::RenderArguments;
-use crate::cli::frames::{frames, load_scene, set_by_hand, start_threads};
+use crate::cli::args::{RenderArguments, WatchArguments};
+use crate::cli::frames::{flags, frames, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
 use crate::cli::values::Samples;
-use crate::cli::{STOPPED, command_line, log, print_result, report};
+use crate::cli::{STOPPED, command_line, log, pixel, print_result, report};
 use crate::error::Error;
 use crate::output::file::check_writable;
 use crate::output::frames::check_distinct;
@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     let names = Names::of(&scene)?;
     let samples = arguments.samples.map(|samples| samples_of(samples, &scene)).transpose()?;
     let movie = arguments.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &frames)).transpose()?;
-    let checkpoint = Some(arguments.checkpoint_every).filter(|&seconds| seconds > 0.0).map(Duration::from_secs_f64);
+    let checkpoint = checkpoint_of(arguments);
     let resume = arguments.resume;
     let job = RenderJob { frames, crop, resume, samples, checkpoint, arguments: command_line() };
     if arguments.missing {
@@ -41,6 +41,9 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     start_threads(arguments.common.threads)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
+    if let Some(pixel) = arguments.pixel {
+        return conclude(pixel::run(&scene, &job.frames, pixel, &reporter), &reporter, &signals);
+    }
     // What a log needs for making the same again; sidecars have all of it.
     reporter.note(&format!(
         "curlsmoke {}: {} (SHA-256 {}), seed {}, frames {}, {} paths a pixel{}",
@@ -66,7 +69,7 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
 }
 
 /// A movie to be made of all previews.
-struct Movie<'a> {
+pub(super) struct Movie<'a> {
     path: &'a Path,
     previews: Vec<PathBuf>,
     fps: f64,
@@ -74,7 +77,7 @@ struct Movie<'a> {
 
 impl<'a> Movie<'a> {
     /// What can be known before anything is rendered.
-    fn prepare(path: &'a Path, scene: &Scene, names: &Names, frames: &[i32]) -> Result<Self, Error> {
+    pub(super) fn prepare(path: &'a Path, scene: &Scene, names: &Names, frames: &[i32]) -> Result<Self, Error> {
         movie::check(path)?;
         check_writable(path)?;
         let preview = names.preview.as_ref().ok_or_else(|| {
@@ -87,7 +90,7 @@ impl<'a> Movie<'a> {
         Ok(Self { path, previews, fps: scene.settings.frames.fps })
     }
 
-    fn make(&self) -> Result<(), Error> {
+    pub(super) fn make(&self) -> Result<(), Error> {
         movie::make(&self.previews, self.fps, self.path)?;
         print_result(&self.path.display().to_string())
     }
@@ -112,8 +115,13 @@ pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: 
     Ok(code)
 }
 
+/// How often to write a checkpoint, if ever.
+pub(super) fn checkpoint_of(arguments: &RenderArguments) -> Option<Duration> {
+    Some(arguments.checkpoint_every).filter(|&seconds| seconds > 0.0).map(Duration::from_secs_f64)
+}
+
 /// The paths to trace, which must be among those of the scene and known beforehand.
-fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Error> {
+pub(super) fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Error> {
     let ([first, last], film) = (samples.0, &scene.settings.film);
     let problem = if film.noise_target.is_some() {
         "does not go with film.noise_target: how many paths a pixel needs is told by its neighbours' noise, which a part of them \
@@ -130,7 +138,7 @@ fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Error> {
 }
 
 /// The scene with the flags of `render` applied.
-fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
+pub(super) fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     let mut overrides = Vec::new();
     if let Some(noise) = arguments.noise_target {
         overrides.push(("film.noise_target".to_string(), noise.to_string()));
@@ -147,6 +155,9 @@ fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
         let [width, height] = resolution.pixels(own);
         overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
     }
+    if arguments.pixel.is_some() {
+        overrides.push(("output.aovs".to_string(), pixel::LAYERS.into()));
+    }
     if let Some(image) = &arguments.output {
         // Text in JSON is text in YAML too, whatever it holds.
         let quoted = |text: &str| serde_json::Value::from(text).to_string();
@@ -161,15 +172,31 @@ fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     load_scene(&arguments.common, overrides)
 }
 
+/// The scene with the flags of `watch` applied. Its warnings are for the caller to tell, who reads it many times.
+pub(super) fn scene_of_watch(arguments: &WatchArguments) -> Result<Scene, Error> {
+    let common = arguments.common.to_frame_arguments();
+    let mut overrides = flags(&common);
+    if let Some(spp) = arguments.spp {
+        overrides.push(("film.spp".to_string(), spp.to_string()));
+    }
+    if let Some(resolution) = arguments.resolution {
+        let own = Scene::load(&common.scene)?.settings.film.resolution;
+        let [width, height] = resolution.pixels(own);
+        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+    }
+    overrides.extend(set_by_hand(&common));
+    Ok(Scene::load_with(&common.scene, &overrides)?)
+}
+
 /// Names of the pictures of a scene.
-struct Names {
+pub(super) struct Names {
     image: Pattern,
     preview: Option<Pattern>,
     scene: String,
 }
 
 impl Names {
-    fn of(scene: &Scene) -> Result<Self, Error> {
+    pub(super) fn of(scene: &Scene) -> Result<Self, Error> {
         let parse = |text: &str| Pattern::parse(text).map_err(|e| Error::Pattern(text.into(), e));
         let output = &scene.settings.output;
         let preview = output.preview.as_deref().map(parse).transpose()?;
@@ -181,7 +208,7 @@ impl Names {
     }
 
     /// What is said of a frame on standard output: its picture, and how it went.
-    fn line(&self, outcome: &FrameOutcome) -> String {
+    pub(super) fn line(&self, outcome: &FrameOutcome) -> String {
         match outcome {
             FrameOutcome::Kept { frame } => self.image(*frame).display().to_string(),
             FrameOutcome::Made { path, record } => format!(
@@ -195,7 +222,7 @@ impl Names {
 }
 
 /// Prints what would be made.
-fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
+pub(super) fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
     check_distinct(frames, |frame| names.image(frame))?;
     let film = &scene.settings.film;
     let [width, height] = film.resolution;

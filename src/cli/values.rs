@@ -1,6 +1,7 @@
 //! Values that people type after flags, and what they mean.
 
 use crate::render::film::PixelBounds;
+use crate::watch::tev;
 use std::str::FromStr;
 
 /// A size of picture as typed: in pixels, or a share of the scene's.
@@ -109,6 +110,21 @@ pub fn seconds_or_none(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| format!("`{text}` is no time; write seconds, as in 300, or 0 for never"))
 }
 
+/// A pixel as typed: column and row from the top left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PixelPlace(pub [i32; 2]);
+
+impl FromStr for PixelPlace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let help = || format!("`{text}` is not a pixel; write x,y as in 320,180");
+        let (x, y) = text.split_once(',').ok_or_else(help)?;
+        let number = |part: &str| part.trim().parse().map_err(|_| help());
+        Ok(Self([number(x)?, number(y)?]))
+    }
+}
+
 /// An amount of memory as typed [GiB].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Memory(pub f64);
@@ -137,6 +153,29 @@ impl Memory {
     /// The amount in bytes.
     pub fn bytes(self) -> u64 {
         (self.0 * f64::from(1 << 30)) as u64
+    }
+}
+
+/// A viewer as typed: `tev`, or `tev=HOST:PORT`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Display {
+    /// Host and port that it listens to.
+    pub address: String,
+}
+
+impl FromStr for Display {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let help = || format!("`{text}` is not a viewer; write tev, or tev={} with its host and port", tev::ADDRESS);
+        let address = match text.split_once('=') {
+            None if text == "tev" => tev::ADDRESS,
+            Some(("tev", address)) => address,
+            _ => return Err(help()),
+        };
+        let (host, port) = address.rsplit_once(':').ok_or_else(help)?;
+        let is_valid = !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0);
+        is_valid.then(|| Self { address: address.into() }).ok_or_else(help)
     }
 }
 
@@ -187,6 +226,16 @@ mod tests {
             assert!(text.parse::<Memory>().is_err(), "{text}");
         }
         assert_eq!(Memory(0.5).bytes(), 1 << 29);
+    }
+
+    #[test]
+    fn viewers_have_an_address() {
+        let address = |text: &str| text.parse::<Display>().map(|display| display.address);
+        assert_eq!(address("tev"), Ok("127.0.0.1:14158".into()));
+        assert_eq!(address("tev=pc:1000"), Ok("pc:1000".into()));
+        for text in ["", "viewer", "tev=", "tev=:1", "tev=pc", "tev=pc:0", "tev=pc:99999"] {
+            assert!(address(text).is_err(), "{text}");
+        }
     }
 
     #[test]

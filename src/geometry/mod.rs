@@ -384,7 +384,7 @@ fn scale_of(scene: &Scene, name: &str) -> f64 {
 }
 
 /// Whether the flow, or what flows on it, needs the distance of a shape.
-fn needs_distance(scene: &Scene, name: &str) -> bool {
+pub fn needs_distance(scene: &Scene, name: &str) -> bool {
     let flow = &scene.settings.flow;
     if scene.settings.shapes.get(name).is_some_and(|shape| shape.surface_flow.is_some()) {
         return true;

@@ -16,6 +16,7 @@ pub mod part;
 pub mod part_set;
 pub mod png;
 pub mod sidecar;
+pub mod survey;
 pub mod view;
 
 use crate::output::image::Image;

@@ -6,7 +6,7 @@ use crate::output::sidecar;
 use crate::pipeline::parse_pattern;
 use crate::render::film::PixelBounds;
 use crate::scene::{Scene, settings};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
 const PICTURES: &str = "2026-11-23 f";
@@ -33,31 +33,7 @@ impl InputHash {
         if settings.shapes.values().all(|shape| shape.surface_flow.is_none()) {
             settings.render.memory_limit_gib = 0.0;
         }
-        let mut files = Vec::new();
-        for shape in settings.shapes.values() {
-            let mesh = shape.mesh.as_ref().map(|m| scene.resolve(&m.file));
-            let is_gltf =
-                mesh.as_ref().and_then(|path| path.extension()).is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
-            files.extend(mesh.iter().filter(|_| is_gltf).flat_map(|path| buffer_files(path)));
-            files.extend(mesh);
-            for (_, texture) in shape.material.textures() {
-                if let settings::Texture::Image(image) = texture {
-                    files.push(scene.resolve(&image.file));
-                }
-            }
-        }
-        for light in &settings.lights {
-            if let settings::Light::Environment(e) = light {
-                files.extend(e.file.as_ref().map(|f| scene.resolve(f)));
-            }
-        }
-        for mask in settings.flow.potentials.iter().flat_map(settings::Potential::masks) {
-            match mask {
-                settings::Mask::Image(mask) => files.push(scene.resolve(&mask.file)),
-                settings::Mask::Grid(mask) => files.push(scene.resolve(&mask.file)),
-                _ => {}
-            }
-        }
+        let files = [mesh_files(scene), texture_files(scene), light_files(scene), mask_files(scene)].concat();
         let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;
         let settings = serde_json::to_value(&settings).map_err(|e| Error::Internal(e.to_string()))?;
         Ok(Self { settings: format!("{settings}{crop:?}").into_bytes(), files: hashes.concat() })
@@ -65,9 +41,7 @@ impl InputHash {
 
     pub(super) fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
         let mut volume = String::new();
-        let smoke = scene.settings.smoke.iter().filter_map(|smoke| smoke.file.as_ref());
-        for density in smoke.chain(scene.settings.volumes.values().filter_map(|volume| volume.file.as_ref())) {
-            let path = scene.resolve(&parse_pattern(&density.path)?.expand(frame, scene.name()));
+        for path in smoke_files(scene, frame)?.into_iter().chain(volume_files(scene, frame)?) {
             volume += &file_hash(&path)?;
         }
         let version = concat!(env!("CARGO_PKG_VERSION"), "/");
@@ -81,6 +55,65 @@ impl InputHash {
         ];
         Ok(sidecar::fingerprint(&parts))
     }
+}
+
+/// Meshes that a scene names.
+pub(super) fn mesh_files(scene: &Scene) -> Vec<PathBuf> {
+    let meshes = scene.settings.shapes.values().filter_map(|shape| Some(scene.resolve(&shape.mesh.as_ref()?.file)));
+    let with_buffers = |path: PathBuf| {
+        let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
+        let buffers = if is_gltf { buffer_files(&path) } else { Vec::new() };
+        buffers.into_iter().chain([path])
+    };
+    meshes.flat_map(with_buffers).collect()
+}
+
+/// Pictures of textures.
+pub(super) fn texture_files(scene: &Scene) -> Vec<PathBuf> {
+    let textures = scene.settings.shapes.values().flat_map(|shape| shape.material.textures());
+    let file = |texture: &settings::Texture| match texture {
+        settings::Texture::Image(image) => Some(scene.resolve(&image.file)),
+        _ => None,
+    };
+    textures.filter_map(|(_, texture)| file(texture)).collect()
+}
+
+/// Pictures of the surroundings.
+pub(super) fn light_files(scene: &Scene) -> Vec<PathBuf> {
+    let file = |light: &settings::Light| match light {
+        settings::Light::Environment(e) => e.file.as_ref().map(|f| scene.resolve(f)),
+        _ => None,
+    };
+    scene.settings.lights.iter().filter_map(file).collect()
+}
+
+/// Files of the masks of the flow.
+pub(super) fn mask_files(scene: &Scene) -> Vec<PathBuf> {
+    let masks = scene.settings.flow.potentials.iter().flat_map(settings::Potential::masks);
+    let file = |mask: &settings::Mask| match mask {
+        settings::Mask::Image(mask) => Some(scene.resolve(&mask.file)),
+        settings::Mask::Grid(mask) => Some(scene.resolve(&mask.file)),
+        _ => None,
+    };
+    masks.filter_map(file).collect()
+}
+
+/// Density of the smoke of a frame, where it comes from a file.
+pub(super) fn smoke_files(scene: &Scene, frame: i32) -> Result<Vec<PathBuf>, Error> {
+    density_files(scene, frame, scene.settings.smoke.iter().filter_map(|smoke| smoke.file.as_ref()))
+}
+
+/// Densities of the volumes of a frame.
+pub(super) fn volume_files(scene: &Scene, frame: i32) -> Result<Vec<PathBuf>, Error> {
+    density_files(scene, frame, scene.settings.volumes.values().filter_map(|volume| volume.file.as_ref()))
+}
+
+fn density_files<'a>(
+    scene: &Scene,
+    frame: i32,
+    files: impl Iterator<Item = &'a settings::DensityFile>,
+) -> Result<Vec<PathBuf>, Error> {
+    files.map(|file| Ok(scene.resolve(&parse_pattern(&file.path)?.expand(frame, scene.name())))).collect()
 }
 
 fn file_hash(path: &Path) -> Result<String, Error> {

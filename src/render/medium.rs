@@ -158,6 +158,11 @@ impl Medium {
         self.emission != Rgb::ZERO || self.glow.is_some()
     }
 
+    /// The density, and light that is given off besides, for another medium to be made of.
+    pub fn into_grids(self) -> (DensityGrid, Option<[DensityGrid; 3]>) {
+        (self.grid, self.glow)
+    }
+
     /// The density itself.
     pub fn grid(&self) -> &DensityGrid {
         &self.grid

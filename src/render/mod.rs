@@ -34,6 +34,7 @@ pub mod media;
 pub mod medium;
 pub mod motion;
 pub mod panel;
+pub mod passes;
 pub mod phase;
 pub mod picture;
 pub mod sampler;
@@ -71,6 +72,7 @@ use crate::render::from_scene::lights::{glowing_shape, groups};
 use crate::render::from_scene::vec3;
 use crate::render::integrator::PathLimits;
 use crate::render::layers::{Layer, group_layers};
+use crate::render::light::Light;
 use crate::render::light_path::{EMISSION_GROUP, Passage};
 use crate::render::material::Material;
 use crate::render::medium::{Matter, Medium};
@@ -232,9 +234,21 @@ pub fn build_world_at(
     time: f64,
     load: LoadPicture,
 ) -> Result<World, RenderError> {
+    let (surfaces, lights) = (geometry.trace_scene()?, build_lights(scene, time, load)?);
+    Ok(assemble_world(scene, geometry, surfaces, lights, materials, time))
+}
+
+/// As [`build_world_at`], of surfaces and lights of the scene that are there already: those of [`Geometry::trace_scene`] and
+/// [`build_lights`].
+pub fn assemble_world(
+    scene: &Scene,
+    geometry: &Geometry,
+    surfaces: TraceScene,
+    mut lights: Vec<Light>,
+    materials: Vec<Material>,
+    time: f64,
+) -> World {
     debug_assert_eq!(materials.len(), geometry.shapes.len(), "shapes that shine are found by their materials");
-    let surfaces = geometry.trace_scene()?;
-    let mut lights = build_lights(scene, time, load)?;
     let shapes = geometry.shapes.iter().zip(&materials).enumerate().filter(|(_, (shape, _))| shape.visible);
     lights.extend(shapes.filter_map(|(i, (shape, material))| glowing_shape(i as u32, shape, material)));
     // What the camera looks at is what is lit.
@@ -244,7 +258,7 @@ pub fn build_world_at(
     // Shapes that shine come after the lights of the scene.
     world.groups.fill(EMISSION_GROUP);
     world.groups[..groups.len()].copy_from_slice(&groups);
-    Ok(world)
+    world
 }
 
 /// The smoke of a frame; `None` for a scene without any.

@@ -16,6 +16,7 @@ use crate::render::ledger::{Canvas, Ledger, Tile, TileContent};
 use crate::render::media::Media;
 use crate::render::medium::Medium;
 use crate::render::motion::FrameMotion;
+use crate::render::passes::Passes;
 use crate::render::sampler::{Dimension, PixelSamples};
 use crate::render::sun_shadow::SunShadows;
 use crate::render::world::World;
@@ -25,7 +26,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Edge of a tile [pixels]: small enough to balance two hundred threads on a small picture.
-const TILE: u32 = 16;
+pub(crate) const TILE: u32 = 16;
 /// The same where paths go where they are needed: pixels round a tile are begun besides, an eighth of it.
 const ADAPTIVE_TILE: u32 = 32;
 
@@ -75,9 +76,9 @@ pub struct ViewShutter {
 }
 
 /// What paths are traced through, and how it moves where somebody wants to know.
-struct Traced<'a> {
-    integrator: Integrator<'a>,
-    motion: Option<&'a FrameMotion<'a>>,
+pub(crate) struct Traced<'a> {
+    pub(crate) integrator: Integrator<'a>,
+    pub(crate) motion: Option<&'a FrameMotion<'a>>,
 }
 
 /// Takes the picture, on all threads of the current pool. Equal inputs give equal bits whatever their number, but for
@@ -140,15 +141,14 @@ pub fn render_to(
     let integrator =
         Integrator { world, media, sun_shadows: &sun_shadows, limits: view.limits, moment: Moment::default() };
     let traced = Traced { integrator, motion: motion.filter(|_| view.layers.contains(&Layer::Motion)) };
-    let tiles = canvas(view).tiles();
+    let samples = ledger.samples.clone().unwrap_or(0..view.spp);
     if let Some(limit) = view.time_limit {
         let limit = limit.saturating_sub(start.elapsed());
-        let (finished, spp) = render_in_passes(&tiles, view, &traced, progress, limit)?;
+        let (finished, spp) = render_in_passes(view, traced, progress, limit)?;
         finished.into_iter().enumerate().for_each(|(index, tile)| ledger.put(index, tile));
         return Ok(spp);
     }
-    let samples = ledger.samples.clone().unwrap_or(0..view.spp);
-    parallel::try_map(&tiles, |index, tile: &PixelBounds| -> Result<(), RenderError> {
+    parallel::try_map(&canvas(view).tiles(), |index, tile: &PixelBounds| -> Result<(), RenderError> {
         if ledger.is_done(index) {
             progress.advance(samples.len() as u64 * tile.area() as u64);
             return Ok(());
@@ -167,52 +167,23 @@ pub fn render_to(
 
 /// Passes over all pixels until the time is up; also how many paths each pixel got.
 fn render_in_passes(
-    bounds: &[PixelBounds],
     view: &View,
-    traced: &Traced,
+    traced: Traced,
     progress: &dyn Progress,
     limit: Duration,
 ) -> Result<(Vec<Tile>, u32), RenderError> {
     let start = Instant::now();
-    // As they are written, which takes a tenth of their memory.
-    let mut sums: Vec<Vec<u8>> = vec![Vec::new(); bounds.len()];
-    let mut counts = vec![PathCounts::default(); bounds.len()];
-    let mut done = 0;
+    let mut passes = Passes::of(view, traced);
     // A first short pass tells how long a path takes; a pass as long as all before it keeps their number small.
     let mut next = FIRST_PASS.min(view.spp);
-    while next > done {
-        let work = bounds.iter().zip(&mut sums).zip(&mut counts);
-        parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<(), RenderError> {
-            let before = std::mem::take(sums);
-            let mut before = &before[..];
-            for i in 0..tile.area() as u32 {
-                let (x, y) = (tile.x0 + i % tile.width(), tile.y0 + i / tile.width());
-                let mut sum = if done == 0 { PixelSum::new(&view.layers) } else { kept(&mut before, view) };
-                let mut painter = PixelPainter::new([x, y], view, traced, progress, counts);
-                painter.add(&mut sum, done..next)?;
-                painter.look()?;
-                sum.encode(sums);
-            }
-            Ok(())
-        })?;
-        done = next;
-        let a_path = start.elapsed().as_secs_f64() / f64::from(done);
+    while next > passes.done() {
+        passes.go_on(next, progress)?;
+        let a_path = start.elapsed().as_secs_f64() / f64::from(next);
         let left = ((limit.as_secs_f64() - start.elapsed().as_secs_f64()) / a_path).max(0.0);
-        next = (done + done.min(left as u32)).min(view.spp);
+        next = (next + next.min(left as u32)).min(view.spp);
     }
-    progress.advance(u64::from(view.spp - done) * view.bounds.area() as u64);
-    let work = bounds.iter().zip(&sums).zip(counts);
-    let tiles = parallel::try_map(work, |_, ((tile, sums), counts)| -> Result<Tile, RenderError> {
-        let mut sums = &sums[..];
-        let finished = render_tile(tile, view, traced, progress, false, |_| Ok(kept(&mut sums, view)))?;
-        Ok(Tile { counts, ..finished })
-    })?;
-    Ok((tiles, done))
-}
-
-/// The next of the sums that a pass has left.
-fn kept(sums: &mut &[u8], view: &View) -> PixelSum {
-    PixelSum::decode(sums, &view.layers).expect("what was written here can be read")
+    progress.advance(u64::from(view.spp - passes.done()) * view.bounds.area() as u64);
+    Ok((passes.finish(progress)?, passes.done()))
 }
 
 /// Begins all pixels of a tile and those round it, and goes on with each of the tile as far as its neighbours say.
@@ -293,12 +264,12 @@ fn render_tile(
     Ok(Tile { content, counts })
 }
 
-fn middle_of(x: u32, y: u32) -> Vec2 {
+pub(crate) fn middle_of(x: u32, y: u32) -> Vec2 {
     Vec2::new(x as f32 + 0.5, y as f32 + 0.5)
 }
 
 /// Traces the paths of one pixel.
-struct PixelPainter<'a> {
+pub(crate) struct PixelPainter<'a> {
     x: u32,
     y: u32,
     view: &'a View,
@@ -316,7 +287,7 @@ struct PixelPainter<'a> {
 }
 
 impl<'a> PixelPainter<'a> {
-    fn new(
+    pub(crate) fn new(
         [x, y]: [u32; 2],
         view: &'a View,
         traced: &'a Traced<'a>,
@@ -352,7 +323,7 @@ impl<'a> PixelPainter<'a> {
     }
 
     /// Says how far it is, and asks whether to stop.
-    fn look(&mut self) -> Result<(), RenderError> {
+    pub(crate) fn look(&mut self) -> Result<(), RenderError> {
         if self.tells {
             self.progress.advance(u64::from(self.unsaid));
         }
@@ -361,7 +332,7 @@ impl<'a> PixelPainter<'a> {
         if self.progress.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
     }
 
-    fn add(&mut self, sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
+    pub(crate) fn add(&mut self, sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
         let (x, y, view) = (self.x, self.y, self.view);
         let pixel = match view.adaptive {
             Some(_) => PixelSamples::alone(view.seed, x, y),
