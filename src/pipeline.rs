@@ -155,6 +155,7 @@ fn make(
         Some(studio) => studio,
         none => none.insert(Studio::build(scene, progress, &mut record)?),
     };
+    check_camera(scene, &[shot.frame])?;
     let view = render::build_view(scene, shot.frame, job.crop);
     let keeper = Keeper::new(scene, &view, files, job, &record, progress);
     let done = if job.resume { keeper.load() } else { Vec::new() };
@@ -207,6 +208,7 @@ pub fn missing(scene: &Scene, job: &RenderJob) -> Result<Vec<i32>, Error> {
 /// # Errors
 /// The first that any stage meets.
 pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn Progress) -> Result<Film, Error> {
+    check_camera(scene, &[frame])?;
     let mut record = Sidecar::default();
     let view = render::build_view(scene, frame, crop);
     let ledger = Ledger::new(None, Vec::new(), None);
@@ -356,7 +358,6 @@ impl Studio {
         record.add_time(Stage::Grid, start.elapsed());
         let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
         let media = Media::new(medium.as_ref(), &volumes);
-        check_camera(scene, &[frame])?;
         let moved;
         let time = time_of(scene, frame);
         let shutter = shutter_of(scene, &self.geometry, time);

@@ -431,7 +431,7 @@ mod tests {
             said("a.ply", &bad)
         );
         assert!(said("a.ply", &ascii.replace("property float z\n", "")).contains("a.ply"));
-        assert!(said("a.stl", "solid").contains("neither"));
+        assert!(said("a.stl", "solid").contains("none of .obj, .ply"));
     }
 
     #[test]

@@ -111,7 +111,9 @@ impl Inputs {
                 (json!([shapes, scene.settings.render.memory_limit_gib]), texture_files(scene))
             }
             Part::Lights => {
-                (of_frame(rest(&[&["smoke", "volumes", "flow", "shapes", "render.seed"]])), light_files(scene))
+                let rest = rest(&[&["smoke", "volumes", "flow", "shapes", "render.seed"]]);
+                let varies = scene.settings.lights.iter().any(settings::Light::varies);
+                (if varies { of_frame(rest) } else { rest }, light_files(scene))
             }
             Part::Particles => {
                 let own = ["lights", "volumes", "smoke.medium", "smoke.blackbody", "smoke.remap", "smoke.detail"];

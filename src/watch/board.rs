@@ -8,6 +8,7 @@ use crate::render::film::{Film, PixelBounds};
 use crate::render::layers::Precision;
 use crate::scene::Scene;
 use crate::scene::diagnostic::{Diagnostic, Severity};
+use crate::watch::view_table;
 use serde::Serialize;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -230,7 +231,7 @@ pub struct Board {
 impl Board {
     /// An empty board, and the frame to begin with.
     pub fn new(frame: Option<i32>) -> Self {
-        let views = View::ALL.iter().map(|view| view.name()).collect();
+        let views = view_table::on_page().map(View::name).collect();
         let status = Status { version: 1, activity: "reading", views, ..Status::default() };
         Self {
             state: Mutex::new((status, Picture::default())),
@@ -293,7 +294,8 @@ impl Board {
             status.spp = settings.film.spp;
             status.crop = crop.map(|b| [b.x0, b.y0, b.x1, b.y1]);
             status.problems = problems;
-            status.view = View::from(settings.output.view).name();
+            let view = View::from(settings.output.view);
+            status.view = view_table::on_page().find(|known| *known == view).unwrap_or(View::Standard).name();
             status.exposure_ev = settings.output.exposure_ev;
             (status.activity, status.fraction) = ("reading", 0.0);
         });

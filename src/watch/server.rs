@@ -4,7 +4,6 @@
 //! name this machine's address, and none that another page has sent. The page brings all that it needs with it.
 
 use crate::error::Error;
-use crate::output::view::View;
 use crate::render::film::PixelBounds;
 use crate::watch::board::Board;
 use crate::watch::view_table;
@@ -152,7 +151,7 @@ fn answer(request: &Request, board: &Board, port: u16) -> Answer {
         }
         (Method::Get, "/pixels") => pixels(board, &query),
         (Method::Get, "/pixel") => pixel(board, &query),
-        (Method::Get, "/view") => match View::ALL.into_iter().find(|view| query.text("name") == Some(view.name())) {
+        (Method::Get, "/view") => match view_table::on_page().find(|view| query.text("name") == Some(view.name())) {
             Some(view) => Answer::ok("application/octet-stream", view_table::table(view)),
             None => Answer::refusal(404, "there is no such view; /status lists them"),
         },
