@@ -34,7 +34,7 @@ impl Caught {
         path.radiance = self.before.radiance;
         path.by_passage = self.before.by_passage;
         path.by_group = self.before.by_group;
-        path.alpha = 0.0;
+        path.is_covered = false;
         path.shadow = Some([luminance(lit), luminance(self.unshadowed)]);
     }
 }

@@ -64,8 +64,8 @@ pub struct Pixel {
 pub struct Contribution {
     /// Radiance [W/(m² sr)].
     pub radiance: Rgb,
-    /// 1 where the path met something, 0 where it met the background.
-    pub alpha: f32,
+    /// Whether the path met something, and not the background alone.
+    pub is_covered: bool,
     /// What the camera's ray met first.
     pub first: FirstEvent,
     /// The shape of the surface that it met first, if it met one before smoke.
@@ -106,7 +106,7 @@ impl Contribution {
     pub fn new(tells_ways: bool) -> Self {
         Self {
             radiance: Rgb::ZERO,
-            alpha: 0.0,
+            is_covered: false,
             first: FirstEvent::None,
             shape_idx: None,
             is_carried: false,
@@ -130,7 +130,7 @@ impl Contribution {
             *self = Self::new(true);
             return;
         }
-        (self.radiance, self.alpha, self.first, self.shape_idx) = (Rgb::ZERO, 0.0, FirstEvent::None, None);
+        (self.radiance, self.is_covered, self.first, self.shape_idx) = (Rgb::ZERO, false, FirstEvent::None, None);
         self.is_carried = false;
         (self.place, self.motion, self.normal) = (WorldPoint::default(), Vec3::ZERO, Vec3::ZERO);
         (self.albedo, self.bounces, self.null_collisions, self.shadow) = (Rgb::ZERO, 0, 0, None);
@@ -198,7 +198,8 @@ impl Moments {
 #[derive(Debug, Clone)]
 pub struct PixelSum {
     moments: Moments,
-    alpha: ExactSum,
+    /// Paths that met something.
+    covered: u32,
     /// Paths that met shadow catchers, and the sums of what they brought.
     caught: u32,
     shadow: [ExactSum; 2],
@@ -211,7 +212,7 @@ impl PixelSum {
     pub fn new(layers: &[Layer]) -> Self {
         Self {
             moments: Moments::default(),
-            alpha: ExactSum::default(),
+            covered: 0,
             caught: 0,
             shadow: [ExactSum::default(); 2],
             coverage: Coverage::default(),
@@ -223,7 +224,7 @@ impl PixelSum {
     #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
         self.moments.add(path.radiance);
-        self.alpha.add(path.alpha);
+        self.covered += u32::from(path.is_covered);
         if let Some(shape_idx) = path.shape_idx {
             self.coverage.add(shape_idx, 1);
         }
@@ -244,12 +245,12 @@ impl PixelSum {
     }
 
     fn sums(&self) -> impl Iterator<Item = &ExactSum> {
-        self.moments.sums.iter().chain([&self.alpha]).chain(&self.shadow).chain(self.layers.0.iter().flatten())
+        self.moments.sums.iter().chain(&self.shadow).chain(self.layers.0.iter().flatten())
     }
 
     fn sums_mut(&mut self) -> impl Iterator<Item = &mut ExactSum> {
         let layers = self.layers.0.iter_mut().flatten();
-        self.moments.sums.iter_mut().chain([&mut self.alpha]).chain(&mut self.shadow).chain(layers)
+        self.moments.sums.iter_mut().chain(&mut self.shadow).chain(layers)
     }
 
     /// Adds the paths of another part of the same pixel, with the same layers.
@@ -260,6 +261,7 @@ impl PixelSum {
         let moments = &mut self.moments;
         moments.count = moments.count.checked_add(other.moments.count).expect("no picture has so many paths a pixel");
         moments.squares.iter_mut().zip(&other.moments.squares).for_each(|(sum, more)| sum.merge(more));
+        self.covered = self.covered.saturating_add(other.covered);
         self.caught = self.caught.saturating_add(other.caught);
         for (shape_idx, count) in other.coverage.counts() {
             self.coverage.add(shape_idx, count);
@@ -270,7 +272,7 @@ impl PixelSum {
     /// Writes all of it at the end of `out`.
     pub fn encode(&self, out: &mut Vec<u8>) {
         let coverage = self.coverage.counts();
-        let numbers = [self.moments.count, self.caught, coverage.len() as u32].into_iter();
+        let numbers = [self.moments.count, self.covered, self.caught, coverage.len() as u32].into_iter();
         let numbers = numbers.chain(coverage.flat_map(|(shape_idx, count)| [shape_idx, count]));
         numbers.for_each(|n| out.extend(n.to_le_bytes()));
         self.moments.squares.iter().for_each(|sum| sum.encode(out));
@@ -286,7 +288,7 @@ impl PixelSum {
             Some(u32::from_le_bytes(*first))
         };
         let mut sum = Self::new(layers);
-        (sum.moments.count, sum.caught) = (number(bytes)?, number(bytes)?);
+        (sum.moments.count, sum.covered, sum.caught) = (number(bytes)?, number(bytes)?, number(bytes)?);
         let names = layers
             .iter()
             .find_map(|layer| if let Layer::Cryptomatte(names) = layer { Some(names.len()) } else { None });
@@ -313,7 +315,7 @@ impl PixelSum {
 
     /// The pixel after all its paths.
     pub fn finish(&self) -> Pixel {
-        let alpha = self.alpha.to_f64() + f64::from(self.caught) * self.shadow();
+        let alpha = f64::from(self.covered) + f64::from(self.caught) * self.shadow();
         Pixel {
             mean: self.moments.mean(),
             variance: self.moments.variance_of_mean(),
@@ -394,7 +396,10 @@ mod tests {
         let layers = [Layer::Bounces, Layer::Variance, Layer::Samples];
         let mut sum = PixelSum::new(&layers);
         for x in samples {
-            sum.add(&layers, &Contribution { radiance: Vec3::splat(x), alpha: 0.5, bounces: 3, ..Default::default() });
+            sum.add(
+                &layers,
+                &Contribution { radiance: Vec3::splat(x), is_covered: x < 3.0, bounces: 3, ..Default::default() },
+            );
         }
         let pixel = sum.finish();
         let mut data = Vec::new();

@@ -148,7 +148,7 @@ impl<'a> Integrator<'a> {
                         let light_pdf = met.pdf * asked.density(self.world, met.light_idx);
                         let light = carried * met.radiance * met_weight(direction_pdf, light_pdf);
                         contribution.add_scattered(light, bounce, self.world.groups[met.light_idx]);
-                        contribution.alpha = 1.0;
+                        contribution.is_covered = true;
                         return;
                     }
                     (None, Some(hit)) => {
@@ -189,7 +189,7 @@ impl<'a> Integrator<'a> {
             if bounce == 0 {
                 vertex.describe(contribution);
             }
-            contribution.alpha = 1.0;
+            contribution.is_covered = true;
             if bounce >= self.limits.max_bounces {
                 counts.truncated += 1;
                 counts.truncated_throughput += f64::from(carried.max_element());
@@ -263,7 +263,7 @@ impl<'a> Integrator<'a> {
             let light_pdf = if density > 0.0 { density * light.pdf_beyond(ray.direction) } else { 0.0 };
             let passage = if bounce == 0 { Passage::Background } else { Passage::scattered(out.first, bounce) };
             out.add(throughput * radiance * met_weight(pdf, light_pdf), passage, self.world.groups[i]);
-            out.alpha = 1.0;
+            out.is_covered = true;
         }
     }
 

@@ -344,11 +344,12 @@ impl<'a> PixelPainter<'a> {
             }
             let mut sampler = pixel.sampler(sample);
             let u = sampler.numbers(Dimension::Film, 0);
-            let moved_camera;
-            let (mut camera, mut integrator) = (&view.camera, self.traced.integrator);
+            let (moved_camera, moved_integrator);
+            let (mut camera, mut integrator) = (&view.camera, &self.traced.integrator);
             if let Some(shutter) = &view.shutter {
                 let time = shutter.shapes.time(f64::from(sampler.numbers(Dimension::Time, 0)[0]));
-                integrator = integrator.at(shutter.shapes.at(time, &mut self.carried));
+                moved_integrator = integrator.at(shutter.shapes.at(time, &mut self.carried));
+                integrator = &moved_integrator;
                 if let Some(course) = &shutter.camera {
                     moved_camera = course.at(time)?;
                     camera = &moved_camera;
