@@ -366,3 +366,42 @@ fn points_that_cannot_be_are_refused_with_advice() {
         fs::read_dir(folder.path(".")).unwrap().all(|f| !f.unwrap().file_name().to_string_lossy().starts_with("p."))
     );
 }
+
+#[test]
+fn layers_go_to_parts_or_files_of_their_own() {
+    let folder = Folder::new();
+    let render = |name: &str, more: &[&str]| {
+        let output = format!("out/{name}.####.exr");
+        folder.expect(0, &[&["render", "ball.yaml", "--frames", "2", "-o", &output], more].concat());
+        exr::read(&folder.path(&format!("out/{name}.0002.exr")), 1 << 24).unwrap()
+    };
+    let single = render("a", &[]);
+    assert_eq!(render("b", &["--set", "output.layout=multipart"]).channels, single.channels);
+    let colours = render("c", &["--set", "output.layout=separate"]);
+    assert_eq!(colours.channels.len(), 4);
+    for layer in ["Z", "N", "albedo", "variance"] {
+        let own = exr::read(&folder.path(&format!("out/c.{layer}.0002.exr")), 1 << 24).unwrap();
+        assert!(!own.channels.is_empty() && own.channels.iter().all(|c| single.channel(&c.name) == Some(&c.data)));
+    }
+    // All of them are part of the frame: one that is gone is made again.
+    let again =
+        ["render", "ball.yaml", "--frames", "2", "-o", "out/c.####.exr", "--set", "output.layout=separate", "--resume"];
+    let [_, err] = folder.expect(0, &again);
+    contains(&err, &["frame 2 is finished already"]);
+    fs::remove_file(folder.path("out/c.N.0002.exr")).unwrap();
+    folder.expect(0, &again);
+    assert!(folder.path("out/c.N.0002.exr").exists());
+    // Parts of the paths are joined into the same files.
+    for samples in ["1-1", "2-4"] {
+        folder.expect(0, &[&again[..8], &["--samples", samples]].concat());
+    }
+    let parts = ["out/c.0002.samples-1-1.part", "out/c.0002.samples-2-4.part"];
+    folder.expect(0, &["merge", parts[0], parts[1], "-o", "out/d.####.exr"]);
+    for (ours, theirs) in [("d.0002.exr", "c.0002.exr"), ("d.N.0002.exr", "c.N.0002.exr")] {
+        let bytes = |name: &str| fs::read(folder.path(&format!("out/{name}"))).unwrap();
+        assert!(bytes(ours) == bytes(theirs), "{ours}");
+    }
+    let [_, err] = folder.expect(3, &["check", "ball.yaml", "--set", "output.compression=dwaa"]);
+    contains(&err, &["output.compression", "layer `depth`", "multipart"]);
+    render("e", &["--set", "output.compression=dwaa", "--set", "output.layout=multipart"]);
+}

@@ -16,7 +16,7 @@ use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-/// How pixels are packed. All are lossless.
+/// How pixels are packed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Compression {
     /// Not at all.
@@ -28,6 +28,34 @@ pub enum Compression {
     Zip,
     /// Wavelets: smallest for noisy pictures.
     Piz,
+    /// Cosines of 8 × 8 pixels, with loss; of channels in single precision, which hold numbers, without.
+    Dwaa,
+    /// The same, 256 lines at a time.
+    Dwab,
+}
+
+/// How layers are put into files.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Layout {
+    /// All channels in one part.
+    #[default]
+    Single,
+    /// A part for each layer.
+    Multipart,
+    /// A file for each layer.
+    Separate,
+}
+
+/// Name of the part and the file of a picture's own colours.
+pub const COLOUR_PART: &str = "rgba";
+
+/// The part, and where layers have files of their own the file, that a channel belongs to.
+pub fn part_of(channel: &str) -> &str {
+    match channel.rsplit_once('.') {
+        Some((layer, _)) => layer,
+        None if matches!(channel, "R" | "G" | "B" | "A") => COLOUR_PART,
+        None => channel,
+    }
 }
 
 impl Compression {
@@ -37,7 +65,15 @@ impl Compression {
             Self::Zips => codec::Compression::ZIP1,
             Self::Zip => codec::Compression::ZIP16,
             Self::Piz => codec::Compression::PIZ,
+            Self::Dwaa => codec::Compression::DWAA(None),
+            Self::Dwab => codec::Compression::DWAB(None),
         }
+    }
+
+    /// The same for a part with these channels: numbers are packed without loss.
+    fn of_part<'a>(self, channels: impl IntoIterator<Item = &'a Channel>) -> Self {
+        let has_numbers = channels.into_iter().any(|channel| channel.kind == SampleKind::Float);
+        if has_numbers && matches!(self, Self::Dwaa | Self::Dwab) { Self::Zips } else { self }
     }
 }
 
@@ -55,25 +91,92 @@ const REC_709: Chromaticities = Chromaticities {
 /// A picture without pixels or channels, two channels of one name, names or texts that the format cannot hold.
 pub fn write(image: &Image, compression: Compression) -> Result<Vec<u8>, OutputError> {
     check(image)?;
-    let channels = image.channels.iter().map(encoded_channel).collect::<Result<_, _>>()?;
+    let all: Vec<&Channel> = image.channels.iter().collect();
+    let file = codec::Image { attributes: image_attributes(image), layer_data: part(image, &all, compression, None)? };
+    finished(image, |bytes| file.write().non_parallel().to_buffered(bytes))
+}
+
+/// The bytes of an .exr file with a part for each layer of `image`, its own colours first. Channels keep their names, and each part has
+/// all attributes.
+///
+/// # Errors
+/// As for [`write`].
+pub fn write_parts(image: &Image, compression: Compression) -> Result<Vec<u8>, OutputError> {
+    check(image)?;
+    let parts = layers(image).into_iter().map(|(name, channels)| part(image, &channels, compression, Some(name)));
+    let file = codec::Image::from_layers(image_attributes(image), parts.collect::<Result<Vec<_>, _>>()?);
+    finished(image, |bytes| file.write().non_parallel().to_buffered(bytes))
+}
+
+/// A picture for each layer of `image`, by name, its own colours first; each has all attributes.
+pub fn split(image: &Image) -> Vec<(String, Image)> {
+    let alone = |(name, channels): (&str, Vec<&Channel>)| {
+        let channels = channels.into_iter().cloned().collect();
+        let image = Image {
+            size: image.size,
+            data_origin: image.data_origin,
+            data_size: image.data_size,
+            channels,
+            attributes: image.attributes.clone(),
+        };
+        (name.to_string(), image)
+    };
+    layers(image).into_iter().map(alone).collect()
+}
+
+/// The channels of each part, in the order of the parts.
+fn layers(image: &Image) -> Vec<(&str, Vec<&Channel>)> {
+    let mut layers: Vec<(&str, Vec<&Channel>)> = Vec::new();
+    for channel in &image.channels {
+        let name = part_of(&channel.name);
+        match layers.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, channels)) => channels.push(channel),
+            None => layers.push((name, vec![channel])),
+        }
+    }
+    // What a program that knows no parts shows is the first.
+    layers.sort_by_key(|(name, _)| *name != COLOUR_PART);
+    layers
+}
+
+type Part = codec::Layer<codec::AnyChannels<codec::FlatSamples>>;
+
+fn part(
+    image: &Image,
+    channels: &[&Channel],
+    compression: Compression,
+    name: Option<&str>,
+) -> Result<Part, OutputError> {
+    let encoded = channels.iter().map(|channel| encoded_channel(channel)).collect::<Result<_, _>>()?;
     let size = codec::Vec2(image.data_size[0] as usize, image.data_size[1] as usize);
     let encoding = codec::Encoding {
-        compression: compression.codec(),
+        compression: compression.of_part(channels.iter().copied()).codec(),
         blocks: codec::Blocks::ScanLines,
         line_order: codec::LineOrder::Increasing,
     };
-    let layer = codec::Layer::new(size, layer_attributes(image)?, encoding, codec::AnyChannels::sort(channels));
+    let mut attributes = layer_attributes(image)?;
+    attributes.layer_name = name.map(text).transpose()?;
+    Ok(codec::Layer::new(size, attributes, encoding, codec::AnyChannels::sort(encoded)))
+}
+
+fn image_attributes(image: &Image) -> codec::ImageAttributes {
     let display = codec::IntegerBounds::new((0, 0), (image.size[0] as usize, image.size[1] as usize));
     let mut attributes = codec::ImageAttributes::new(display);
     attributes.chromaticities = Some(REC_709);
-    let file = codec::Image { attributes, layer_data: layer };
+    attributes
+}
+
+fn finished(
+    image: &Image,
+    write: impl FnOnce(&mut Cursor<Vec<u8>>) -> ::exr::error::UnitResult,
+) -> Result<Vec<u8>, OutputError> {
     // At most what the pixels take, and a header: growing on the way would hold half as much again.
     let length =
         image.channels.iter().map(|c| c.data.len() * c.kind.bytes()).sum::<usize>() + image.data_size[1] as usize * 16;
     let mut bytes = Cursor::new(Vec::with_capacity(length + 4096));
-    file.write().non_parallel().to_buffered(&mut bytes).map_err(|e| encoding_error(e.to_string()))?;
+    write(&mut bytes).map_err(|e| encoding_error(e.to_string()))?;
     let mut bytes = bytes.into_inner();
-    sort_header(&mut bytes);
+    sort_headers(&mut bytes);
     Ok(bytes)
 }
 
@@ -141,27 +244,42 @@ fn layer_attributes(image: &Image) -> Result<codec::LayerAttributes, OutputError
     Ok(layer)
 }
 
-/// Sorts the attributes of a file with one part by name. The codec keeps them in a hash map, whose order changes from
-/// run to run; the header's length stays, so every offset in the file stays valid.
-fn sort_header(bytes: &mut [u8]) {
-    // Magic number and version come first, then attributes up to an empty name: name, 0, type, 0, length, value.
+/// Sorts the attributes of each part by name. The codec keeps them in a hash map, whose order changes from
+/// run to run; the length of headers stays, so every offset in the file stays valid.
+fn sort_headers(bytes: &mut [u8]) {
+    // Magic number and version come first, then headers. With several parts an empty header ends them.
     const START: usize = 8;
+    const HAS_PARTS: u32 = 1 << 12;
+    let Some(version) = bytes.get(4..START) else { return };
+    let has_parts = u32::from_le_bytes([version[0], version[1], version[2], version[3]]) & HAS_PARTS != 0;
+    let mut at = START;
+    while let Some(end) = sort_header(bytes, at) {
+        at = end + 1;
+        if !has_parts || bytes.get(at).is_none_or(|&b| b == 0) {
+            return;
+        }
+    }
+}
+
+/// Sorts the attributes of the header at `start`; where it ends.
+fn sort_header(bytes: &mut [u8], start: usize) -> Option<usize> {
+    // Attributes up to an empty name: name, 0, type, 0, length, value.
     let zero_after = |from: usize| bytes[from..].iter().position(|&b| b == 0).map(|n| from + n);
     let mut attributes: Vec<&[u8]> = Vec::new();
-    let mut at = START;
-    while bytes.get(at).is_some_and(|&b| b != 0) {
-        let Some(name_end) = zero_after(at) else { return };
-        let Some(type_end) = zero_after(name_end + 1) else { return };
-        let Some(length) = bytes.get(type_end + 1..type_end + 5) else { return };
+    let mut at = start;
+    while *bytes.get(at)? != 0 {
+        let name_end = zero_after(at)?;
+        let type_end = zero_after(name_end + 1)?;
+        let length = bytes.get(type_end + 1..type_end + 5)?;
         let length = u32::from_le_bytes([length[0], length[1], length[2], length[3]]) as usize;
         let end = type_end + 5 + length;
-        let Some(attribute) = bytes.get(at..end) else { return };
-        attributes.push(attribute);
+        attributes.push(bytes.get(at..end)?);
         at = end;
     }
     attributes.sort_unstable();
     let sorted = attributes.concat();
-    bytes[START..at].copy_from_slice(&sorted);
+    bytes[start..at].copy_from_slice(&sorted);
+    Some(at)
 }
 
 /// Reads an .exr file of any make: scan lines or tiles, one or several parts, without deep data. Parts come together in
@@ -373,10 +491,46 @@ mod tests {
     }
 
     #[test]
+    fn parts_and_files_of_their_own_have_the_same_channels() {
+        let bytes = write_parts(&sample(), Compression::Zip).unwrap();
+        assert_eq!(decoded(&bytes).unwrap(), sample());
+        let names: Vec<String> = split(&sample()).into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["rgba", "Z", "variance"]);
+        for (name, image) in split(&sample()) {
+            let back = decoded(&write(&image, Compression::Zips).unwrap()).unwrap();
+            assert_eq!(back, image);
+            assert!(
+                image.channels.iter().all(|c| part_of(&c.name) == name && sample().channel(&c.name) == Some(&c.data))
+            );
+        }
+    }
+
+    #[test]
+    fn loss_is_for_colours_alone() {
+        let mut image = sample();
+        // Smooth, as colours mostly are.
+        for channel in image.channels.iter_mut().filter(|c| c.kind == SampleKind::Half) {
+            let smooth = (0..channel.data.len()).map(|i| f16::from_f32((i as f32 * 0.1).sin() + 1.5).to_f32());
+            channel.data = smooth.collect();
+        }
+        for compression in [Compression::Dwaa, Compression::Dwab] {
+            let back = decoded(&write_parts(&image, compression).unwrap()).unwrap();
+            for channel in &image.channels {
+                let found = back.channel(&channel.name).unwrap();
+                let worst = channel.data.iter().zip(found).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                let is_kept = channel.kind == SampleKind::Float || channel.name == "A";
+                assert!(if is_kept { found == channel.data } else { worst < 0.1 }, "{}: {worst}", channel.name);
+            }
+        }
+    }
+
+    #[test]
     fn the_same_picture_gives_the_same_bytes_every_time() {
-        let first = write(&sample(), Compression::Zips).unwrap();
-        for _ in 0..20 {
-            assert!(write(&sample(), Compression::Zips).unwrap() == first);
+        for writer in [write, write_parts] {
+            let first = writer(&sample(), Compression::Zips).unwrap();
+            for _ in 0..20 {
+                assert!(writer(&sample(), Compression::Zips).unwrap() == first);
+            }
         }
     }
 

@@ -155,6 +155,18 @@ impl From<crate::scene::settings::Compression> for exr::Compression {
             crate::scene::settings::Compression::Zip => Self::Zip,
             crate::scene::settings::Compression::Piz => Self::Piz,
             crate::scene::settings::Compression::None => Self::None,
+            crate::scene::settings::Compression::Dwaa => Self::Dwaa,
+            crate::scene::settings::Compression::Dwab => Self::Dwab,
+        }
+    }
+}
+
+impl From<crate::scene::settings::Layout> for exr::Layout {
+    fn from(layout: crate::scene::settings::Layout) -> Self {
+        match layout {
+            crate::scene::settings::Layout::Single => Self::Single,
+            crate::scene::settings::Layout::Multipart => Self::Multipart,
+            crate::scene::settings::Layout::Separate => Self::Separate,
         }
     }
 }

@@ -60,6 +60,8 @@ pub struct Finish {
     pub attributes: Vec<(String, Attribute)>,
     /// How its pixels are packed.
     pub compression: exr::Compression,
+    /// How its layers are put into files.
+    pub layout: exr::Layout,
     /// How it looks in its preview, and the exposure there [stops], if it has one.
     pub preview: Option<(View, f64)>,
 }

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::math::parallel;
+use crate::output::exr::Layout;
 use crate::output::film_image::{Origin, attributes, image_with};
 use crate::output::image::SampleKind;
 use crate::output::part::{self, Finish, PartFile};
@@ -10,7 +11,9 @@ use crate::output::{OutputError, exr, file, png};
 use crate::pipeline::keeper::Keeper;
 use crate::pipeline::parse_pattern;
 use crate::progress::{Progress, Stage};
+use crate::render;
 use crate::render::film::Film;
+use crate::render::layers::Layer;
 use crate::render::ledger::Tile;
 use crate::render::tiles::View;
 use crate::scene::Scene;
@@ -43,6 +46,8 @@ pub(super) struct OutputFiles {
     image: Pattern,
     preview: Option<Pattern>,
     scene_name: String,
+    /// Layers with files of their own.
+    layers: Vec<String>,
     /// The part of the paths that goes to a file of its own, if it is one.
     samples: Option<[u32; 2]>,
 }
@@ -50,6 +55,8 @@ pub(super) struct OutputFiles {
 /// Where a picture goes.
 pub(super) struct Target {
     pub(super) image: PathBuf,
+    /// Layers with files of their own.
+    pub(super) layers: Vec<(String, PathBuf)>,
     pub(super) preview: Option<PathBuf>,
 }
 
@@ -60,6 +67,7 @@ impl OutputFiles {
             image: parse_pattern(&output.image)?,
             preview: output.preview.as_deref().map(parse_pattern).transpose()?,
             scene_name: scene.name().into(),
+            layers: layers_apart(output.layout.into(), &render::layers(&scene.settings)),
             samples,
         })
     }
@@ -70,7 +78,8 @@ impl OutputFiles {
 
     pub(super) fn target(&self, frame: i32) -> Target {
         let preview = self.preview.as_ref().map(|p| p.expand(frame, &self.scene_name).into());
-        Target { image: self.image(frame), preview }
+        let layers = layer_files(&self.image, &self.layers, frame, &self.scene_name);
+        Target { image: self.image(frame), layers, preview }
     }
 
     /// The file of a part of the paths, where this is one: beside the picture, with the paths in its name.
@@ -87,13 +96,15 @@ impl OutputFiles {
     /// A picture of what is done so far.
     pub(super) fn snapshot(&self, frame: i32) -> Target {
         let image = self.part(frame).unwrap_or_else(|| self.image(frame));
-        Target { image: image.with_extension("snapshot.exr"), preview: Some(image.with_extension("snapshot.png")) }
+        let preview = Some(image.with_extension("snapshot.png"));
+        Target { image: image.with_extension("snapshot.exr"), layers: Vec::new(), preview }
     }
 
     /// All files of a frame but the sidecar, the picture first.
     fn of_frame(&self, frame: i32) -> Vec<PathBuf> {
         let target = self.target(frame);
-        [target.image].into_iter().chain(target.preview).collect()
+        let layers = target.layers.into_iter().map(|(_, path)| path);
+        [target.image].into_iter().chain(layers).chain(target.preview).collect()
     }
 
     /// All files of a frame that will be written.
@@ -129,6 +140,7 @@ pub(super) fn finish_of(scene: &Scene, view: &View, record: &Sidecar) -> Finish 
     Finish {
         attributes: attributes(record.spp, &view.layers, &origin),
         compression: output.compression.into(),
+        layout: output.layout.into(),
         preview: output.preview.as_ref().map(|_| (output.view.into(), output.exposure_ev)),
     }
 }
@@ -198,8 +210,39 @@ pub(super) fn encode(target: &Target, film: Film, finish: Finish) -> Result<Vec<
     let image = image_with(&film, SampleKind::Half, finish.attributes);
     // The picture takes as much again, and the encoder more.
     drop(film);
-    let bytes = exr::write(&image, finish.compression)?;
-    Ok([(target.image.clone(), bytes)].into_iter().chain(preview).collect())
+    let mut files = Vec::new();
+    match finish.layout {
+        Layout::Single => files.push((target.image.clone(), exr::write(&image, finish.compression)?)),
+        Layout::Multipart => files.push((target.image.clone(), exr::write_parts(&image, finish.compression)?)),
+        Layout::Separate => {
+            for (name, layer) in exr::split(&image) {
+                let own = target.layers.iter().find(|(known, _)| *known == name).map(|(_, path)| path);
+                files.push((own.unwrap_or(&target.image).clone(), exr::write(&layer, finish.compression)?));
+            }
+        }
+    }
+    files.extend(preview);
+    Ok(files)
+}
+
+/// Names of the layers that have files of their own.
+pub(super) fn layers_apart(layout: Layout, layers: &[Layer]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    if layout == Layout::Separate {
+        for channel in layers.iter().flat_map(Layer::channels) {
+            let name = exr::part_of(&channel);
+            if !names.iter().any(|known| known == name) {
+                names.push(name.into());
+            }
+        }
+    }
+    names
+}
+
+/// The files of layers at a frame, where pictures have names of `pattern`.
+pub(super) fn layer_files(pattern: &Pattern, layers: &[String], frame: i32, scene: &str) -> Vec<(String, PathBuf)> {
+    let file = |layer: &String| (layer.clone(), pattern.of_layer(layer).expand(frame, scene).into());
+    layers.iter().map(file).collect()
 }
 
 /// Name of a file without its folder.

@@ -1,6 +1,7 @@
 //! Keeps what is done of a frame while it is made: checkpoints to go on from, and pictures of it for whoever asks.
 
 use crate::output::OutputError;
+use crate::output::exr::Layout;
 use crate::output::file::write_atomic;
 use crate::output::part::{self, Finish, Head, PartFile};
 use crate::output::sidecar::Sidecar;
@@ -144,7 +145,8 @@ impl<'a> Keeper<'a> {
         let film = head.canvas().film(head.spp, &tiles);
         // Whoever asks wants to look at it.
         let preview = head.finish.preview.or(Some((ScreenView::Standard, 0.0)));
-        let finish = Finish { preview, ..head.finish.clone() };
+        // One file, whatever the picture will have.
+        let finish = Finish { preview, layout: Layout::Single, ..head.finish.clone() };
         self.progress.set_writing(true);
         let written = encode(&self.snapshot, film, finish)
             .and_then(|files| files.iter().try_for_each(|(path, bytes)| write_atomic(path, bytes)));

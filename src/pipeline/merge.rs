@@ -6,7 +6,7 @@ use crate::output::frames::check_distinct;
 use crate::output::part::PartFile;
 use crate::output::part_set;
 use crate::output::sidecar::{MergedPart, Sidecar};
-use crate::pipeline::frame_files::{Target, check_writable, name_of, write_picture};
+use crate::pipeline::frame_files::{Target, check_writable, layer_files, layers_apart, name_of, write_picture};
 use crate::pipeline::parse_pattern;
 use crate::progress::Progress;
 use crate::render::ledger::{Tile, sums_of};
@@ -54,12 +54,18 @@ pub fn merge(
         .map(|(&frame, parts)| {
             let image = PathBuf::from(pattern.expand(frame, &parts[0].head.scene));
             let preview = parts[0].head.finish.preview.map(|_| image.with_extension("png"));
-            (frame, Target { image, preview })
+            let head = &parts[0].head;
+            let layers = layers_apart(head.finish.layout, &head.layers);
+            let layers = layer_files(&pattern, &layers, frame, &head.scene);
+            (frame, Target { image, layers, preview })
         })
         .collect();
     let numbers: Vec<i32> = frames.keys().copied().collect();
     check_distinct(&numbers, |frame| targets[&frame].image.clone())?;
-    check_writable(targets.values().map(|target| [target.image.clone()].into_iter().chain(target.preview.clone())))?;
+    check_writable(targets.values().map(|target| {
+        let layers = target.layers.iter().map(|(_, path)| path.clone());
+        [target.image.clone()].into_iter().chain(layers).chain(target.preview.clone())
+    }))?;
     let count = frames.len();
     for (index, ((frame, mut parts), target)) in frames.into_iter().zip(targets.values()).enumerate() {
         progress.frame(frame, index, count);

@@ -424,7 +424,7 @@ fn frame_time(settings: &settings::Settings, frame: i32) -> f64 {
 }
 
 /// The further layers that a scene asks for, each once.
-fn layers(settings: &settings::Settings) -> Vec<Layer> {
+pub(crate) fn layers(settings: &settings::Settings) -> Vec<Layer> {
     let mut layers: Vec<Layer> = Vec::new();
     for aov in &settings.output.aovs {
         let more = match aov {

@@ -117,6 +117,30 @@ impl Pattern {
         self.pieces.iter().any(|piece| matches!(piece, Piece::Frame { .. }))
     }
 
+    /// The pattern for a layer that has files of its own: its name stands before the frame number and what parts that from the
+    /// text before, or before the ending.
+    pub fn of_layer(&self, layer: &str) -> Self {
+        let mut pieces = self.pieces.clone();
+        let frame = pieces.iter().rposition(|piece| matches!(piece, Piece::Frame { .. }));
+        match (frame, frame.and_then(|i| i.checked_sub(1)).map(|i| &mut pieces[i])) {
+            (_, Some(Piece::Literal(before))) => {
+                let parted = before.chars().last().filter(|c| ".-_".contains(*c)).unwrap_or('.');
+                let more = if before.ends_with(parted) { format!("{layer}{parted}") } else { format!(".{layer}.") };
+                before.push_str(&more);
+            }
+            (Some(frame), _) => pieces.insert(frame, Piece::Literal(format!(".{layer}."))),
+            (None, _) => {
+                let Some(Piece::Literal(last)) = pieces.last_mut() else {
+                    pieces.push(Piece::Literal(format!(".{layer}")));
+                    return Self { pieces };
+                };
+                let at = last.rfind('.').filter(|at| !last[*at..].contains('/')).unwrap_or(last.len());
+                last.insert_str(at, &format!(".{layer}"));
+            }
+        }
+        Self { pieces }
+    }
+
     /// The file name of one frame.
     pub fn expand(&self, frame: i32, scene: &str) -> String {
         let mut name = String::new();
@@ -189,6 +213,23 @@ fn braces(rest: &str, offset: usize) -> Result<(Piece, usize), PatternError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn layers_are_named_before_the_frame() {
+        for (pattern, name) in [
+            ("out/{scene}.####.exr", "out/plume.N.0012.exr"),
+            ("a_%04d.exr", "a_N_0012.exr"),
+            ("a####.exr", "a.N.0012.exr"),
+            ("{scene}####.exr", "plume.N.0012.exr"),
+            ("out.d/a.exr", "out.d/a.N.exr"),
+            ("{scene}.exr", "plume.N.exr"),
+            ("{frame}/{scene}", "N.12/plume"),
+        ] {
+            let pattern = Pattern::parse(pattern).unwrap_or_else(|e| panic!("{pattern}: {e}"));
+            let found = pattern.of_layer("N").expand(12, "plume");
+            assert_eq!(found.trim_start_matches('.'), name);
+        }
+    }
 
     #[test]
     fn every_spelling_of_a_frame_number() {

@@ -5,8 +5,9 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Interpolation, Keyed, Light, Mask, Output,
-    Part, Potential, RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform, Vec3, Volume,
+    Camera, CameraProjection, Capsule, Compression, Cuboid, Environment, Film, Frames, Interpolation, Keyed, Layout,
+    Light, Mask, Output, Part, Potential, RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform,
+    Vec3, Volume,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -624,6 +625,15 @@ impl<'s> Check<'s, '_, '_> {
                 let message = "all frames would be written to this one file";
                 self.error_help(&key, &key, message, format!("put the frame into the name: `{stem}.####.{ending}`"));
             }
+        }
+        let is_lossy = matches!(output.compression, Compression::Dwaa | Compression::Dwab);
+        if is_lossy
+            && output.layout == Layout::Single
+            && let Some(aov) = output.aovs.iter().find(|aov| !aov.is_colour())
+        {
+            let message = format!("one part with everything would lose numbers of the layer `{}`", aov.name());
+            let help = "write `layout: multipart` or `separate`, or one of zips, zip and piz";
+            self.error_help("output.compression", "output.compression", message, help);
         }
         let mut seen = BTreeSet::new();
         for (index, aov) in output.aovs.iter().enumerate() {

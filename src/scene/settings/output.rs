@@ -10,8 +10,10 @@ use serde::{Deserialize, Serialize};
 pub struct Output {
     /// Picture in linear light, .exr. Default out/{scene}.####.exr.
     pub image: String,
-    /// How the pixels of the picture are packed; never with loss. Default zips.
+    /// How the pixels of the picture are packed. Default zips.
     pub compression: Compression,
+    /// How the layers are put into files. Default single.
+    pub layout: Layout,
     /// Picture to look at, .png. Default none.
     pub preview: Option<String>,
     /// Density, .vdb, written by `curlsmoke bake`. Default out/{scene}.####.vdb.
@@ -30,6 +32,7 @@ impl Default for Output {
         Self {
             image: "out/{scene}.####.exr".into(),
             compression: Compression::Zips,
+            layout: Layout::Single,
             preview: None,
             volume: "out/{scene}.####.vdb".into(),
             aovs: Vec::new(),
@@ -51,6 +54,23 @@ pub enum Compression {
     Piz,
     /// Not at all.
     None,
+    /// With some loss, cosines of 8 × 8 pixels: several times smaller. For colours alone; layers with numbers stay as they are and
+    /// need a `layout` in parts or files of their own.
+    Dwaa,
+    /// As `dwaa`, 256 lines at a time: a little smaller, slower to read in part.
+    Dwab,
+}
+
+/// How layers are put into files. Channels have the same names in all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Layout {
+    /// One part with all channels: what every program reads.
+    Single,
+    /// A part for each layer, named as it; the first is `rgba`.
+    Multipart,
+    /// A file for each layer, its name before the frame number: `plume.0001.exr`, `plume.albedo.0001.exr`.
+    Separate,
 }
 
 /// A further layer of the picture.
@@ -102,6 +122,16 @@ pub enum Aov {
 }
 
 impl Aov {
+    /// Its name in a scene.
+    pub fn name(self) -> String {
+        serde_json::to_value(self).ok().and_then(|value| value.as_str().map(str::to_string)).unwrap_or_default()
+    }
+
+    /// Whether it holds colours of light or things, which may lose a little, and no numbers.
+    pub fn is_colour(self) -> bool {
+        matches!(self, Self::Albedo | Self::Passages | Self::LightGroups)
+    }
+
     /// Most channels that it has.
     pub fn channel_count(self, group_count: usize) -> usize {
         match self {
