@@ -5,6 +5,7 @@
 
 use crate::output::image::{Attribute, Channel, Image, SampleKind, channel_order};
 use crate::output::{OutputError, check_memory, read_bytes};
+use crate::render::cryptomatte;
 use ::exr::block::reader::Reader;
 use ::exr::image::write::WritableImage;
 use ::exr::meta::attribute::Chromaticities;
@@ -52,6 +53,8 @@ pub const COLOUR_PART: &str = "rgba";
 /// The part, and where layers have files of their own the file, that a channel belongs to.
 pub fn part_of(channel: &str) -> &str {
     match channel.rsplit_once('.') {
+        // Its ranks are of no use without each other.
+        Some((layer, _)) if layer.starts_with(cryptomatte::NAME) => cryptomatte::NAME,
         Some((layer, _)) => layer,
         None if matches!(channel, "R" | "G" | "B" | "A") => COLOUR_PART,
         None => channel,
