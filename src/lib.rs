@@ -4,7 +4,7 @@
 //! Data flows left to right, and a module imports only from modules to its left:
 //!
 //! ```text
-//! math · progress | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → cli → main
+//! math · progress | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → regress → cli → main
 //! ```
 
 pub mod math;
@@ -32,5 +32,7 @@ pub mod inspect;
 pub mod error;
 
 pub mod pipeline;
+
+pub mod regress;
 
 pub mod cli;

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From left to right; a module imports only from modules to its left.
-const ORDER: [&str; 14] = [
+const ORDER: [&str; 15] = [
     "math",
     "progress",
     "scene",
@@ -18,6 +18,7 @@ const ORDER: [&str; 14] = [
     "inspect",
     "error",
     "pipeline",
+    "regress",
     "cli",
 ];
 

@@ -64,10 +64,15 @@ fn ways_to_have(frames: &[i32], first: i32, last: i32) -> String {
 
 /// Makes the pool of threads that all stages use.
 pub fn start_threads(arguments: &FrameArguments) -> Result<(), Error> {
+    start_pool(arguments.threads)
+}
+
+/// Makes the pool of as many threads as `--threads` says, or one for each processor.
+pub fn start_pool(threads: Option<usize>) -> Result<(), Error> {
     /// More threads than this are a slip of the finger.
     const THREADS_MAX: usize = 512;
-    let count = arguments.threads.unwrap_or(0);
-    if arguments.threads == Some(0) || count > THREADS_MAX {
+    let count = threads.unwrap_or(0);
+    if threads == Some(0) || count > THREADS_MAX {
         return Err(Error::Usage(format!("--threads {count}: write a number from 1 to {THREADS_MAX}")));
     }
     rayon::ThreadPoolBuilder::new()

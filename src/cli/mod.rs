@@ -11,6 +11,7 @@ mod frames;
 mod places;
 mod points;
 pub mod progress;
+mod regress;
 mod render;
 mod signals;
 mod streamlines;
@@ -49,9 +50,10 @@ pub fn run() -> u8 {
     let result = match arguments.verb {
         Verb::Render(arguments) => render::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
-        Verb::Schema => check::schema(),
+        Verb::Schema(arguments) => check::schema(&arguments),
         Verb::Bake(arguments) => bake::run(&arguments),
         Verb::Compare(arguments) => compare::run(&arguments),
+        Verb::Regress(arguments) => regress::run(&arguments),
         Verb::Denoise(arguments) => denoise::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),

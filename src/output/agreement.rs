@@ -25,6 +25,9 @@ use crate::output::image::{Attribute, Image};
 /// Attribute that says how many samples a pixel has.
 pub const SPP_ATTRIBUTE: &str = "curlsmoke/spp";
 
+/// Attribute of a reference that says between how many pictures its variance was measured.
+pub const RUNS_ATTRIBUTE: &str = "curlsmoke/runs";
+
 /// Width of the blocks whose means are tested [pixels].
 const BLOCK: usize = 16;
 
@@ -60,6 +63,8 @@ pub(crate) struct Measurement<'a> {
     pub variances: Option<Vec<&'a [f32]>>,
     /// Samples of a pixel.
     pub spp: Option<f64>,
+    /// Pictures that the variances were measured between; none where each picture measured its own.
+    pub runs: Option<f64>,
     /// Whether the file holds 16 bits for each number.
     pub is_half: bool,
 }
@@ -68,6 +73,14 @@ pub(crate) struct Measurement<'a> {
 pub(crate) fn spp_of(image: &Image) -> Option<f64> {
     match image.attribute(SPP_ATTRIBUTE) {
         Some(Attribute::Int(spp)) if *spp > 0 => Some(f64::from(*spp)),
+        _ => None,
+    }
+}
+
+/// Pictures that a reference is the mean of, as far as it says.
+pub(crate) fn runs_of(image: &Image) -> Option<f64> {
+    match image.attribute(RUNS_ATTRIBUTE) {
+        Some(Attribute::Int(runs)) if *runs > 1 => Some(f64::from(*runs)),
         _ => None,
     }
 }
@@ -158,8 +171,8 @@ struct Noise<'m, 'a> {
 impl Noise<'_, '_> {
     /// Degrees of freedom of the variance of a difference; infinite when unknown.
     fn degrees(&self) -> f64 {
-        let known = |layer: &Measurement| match (&layer.variances, layer.spp) {
-            (Some(_), Some(spp)) => Some((spp - 1.0).max(1.0)),
+        let known = |layer: &Measurement| match (&layer.variances, layer.runs.or(layer.spp)) {
+            (Some(_), Some(count)) => Some((count - 1.0).max(1.0)),
             _ => None,
         };
         match (known(self.ours), known(self.theirs)) {
@@ -261,7 +274,8 @@ fn test_blocks(image: &Image, channels: &[Channel], level: f64, report: &mut Rep
             (y0..(y0 + BLOCK).min(height)).flat_map(move |y| xs.clone().map(move |x| y * width + x))
         };
         let scores = channels.iter().map(|c| block_score(c, pixels()));
-        let (score, probability) = scores.fold((0.0, 1.0), |a, b| if b.1 < a.1 || b.0 > a.0 && b.1 == a.1 { b } else { a });
+        let (score, probability) =
+            scores.fold((0.0, 1.0), |a, b| if b.1 < a.1 || b.0 > a.0 && b.1 == a.1 { b } else { a });
         failed += usize::from(probability < p);
         if probability < worst.0 || probability == worst.0 && score > worst.1 {
             worst = (probability, score, image.position(y0 * width + x0));

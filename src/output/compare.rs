@@ -147,12 +147,14 @@ pub fn compare(image: &Image, reference: &Image, variance: Option<&Image>, mode:
                 means: ours.to_vec(),
                 variances: image.rgb("variance").map(|v| v.to_vec()),
                 spp: agreement::spp_of(image),
+                runs: agreement::runs_of(image),
                 is_half: known(image, ours),
             };
             let theirs = Measurement {
                 means: theirs.to_vec(),
                 variances: separate.or_else(|| reference.rgb("variance")).map(|v| v.to_vec()),
                 spp: agreement::spp_of(reference).or_else(|| variance.and_then(agreement::spp_of)),
+                runs: agreement::runs_of(reference).or_else(|| variance.and_then(agreement::runs_of)),
                 is_half: known(reference, theirs),
             };
             compare_measurements(image, &beauty, &ours, &theirs, mode, &mut report)?;
@@ -201,7 +203,8 @@ pub fn compare_layer(image: &Image, reference: &Image, layer: &Layer, mode: Mode
 fn measurement<'i>(image: &'i Image, layer: &Layer) -> Result<Measurement<'i>, CompareError> {
     let means: Vec<&[f32]> = layer.channels(image).ok_or_else(|| CompareError::NoLayer(layer.name.clone()))?;
     let is_half = is_half(image, &means);
-    Ok(Measurement { means, variances: layer.variances(image), spp: agreement::spp_of(image), is_half })
+    let (spp, runs) = (agreement::spp_of(image), agreement::runs_of(image));
+    Ok(Measurement { means, variances: layer.variances(image), spp, runs, is_half })
 }
 
 /// The findings of any mode but the exact one.
@@ -260,9 +263,8 @@ fn compare_bits<'a>(
 ) {
     report.map = vec![0.0; image.pixel_count()];
     for (name, ours, theirs) in channels {
-        let different = |i: &usize| {
-            ours[*i].to_bits() != theirs[*i].to_bits() && !(ours[*i].is_nan() && theirs[*i].is_nan())
-        };
+        let different =
+            |i: &usize| ours[*i].to_bits() != theirs[*i].to_bits() && !(ours[*i].is_nan() && theirs[*i].is_nan());
         let mut count = 0u64;
         let mut first = None;
         for i in (0..theirs.len()).filter(different) {

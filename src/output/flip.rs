@@ -238,9 +238,8 @@ fn balanced(taps: Vec<f64>) -> Vec<f64> {
 
 /// Rows with one list of taps, columns with the other; pixels of the rim go on beyond it.
 fn filter(channel: &[f32], [width, height]: [usize; 2], across: &[f32], down: &[f32]) -> Vec<f32> {
-    let clamped = |at: usize, tap: usize, taps: &[f32], size: usize| {
-        (at + tap).saturating_sub(taps.len() / 2).min(size - 1)
-    };
+    let clamped =
+        |at: usize, tap: usize, taps: &[f32], size: usize| (at + tap).saturating_sub(taps.len() / 2).min(size - 1);
     let mut rows = vec![0.0; channel.len()];
     parallel::for_each_chunk_mut(&mut rows, width.max(1), |y, row| {
         let line = &channel[y * width..(y + 1) * width];
@@ -292,8 +291,8 @@ fn rgb_of_opponent(o: Colour) -> Colour {
 /// CIE L*a*b*.
 fn lab(rgb: Colour) -> Colour {
     const STEP: f64 = 6.0 / 29.0;
-    let [x, y, z] = over_white(rgb)
-        .map(|t| if t > STEP.powi(3) { t.cbrt() } else { t / (3.0 * STEP * STEP) + 4.0 / 29.0 });
+    let [x, y, z] =
+        over_white(rgb).map(|t| if t > STEP.powi(3) { t.cbrt() } else { t / (3.0 * STEP * STEP) + 4.0 / 29.0 });
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)].map(|v| v as f32)
 }
 
@@ -362,9 +361,8 @@ mod tests {
     #[test]
     fn finer_differences_are_seen_from_nearby_alone() {
         let settings = |ppd| FlipSettings { pixels_per_degree: ppd, ldr: true };
-        let checker: [Vec<f32>; 3] = std::array::from_fn(|_| {
-            (0..SIZE[0] * SIZE[1]).map(|i| ((i % SIZE[0] + i / SIZE[0]) % 2) as f32).collect()
-        });
+        let checker: [Vec<f32>; 3] =
+            std::array::from_fn(|_| (0..SIZE[0] * SIZE[1]).map(|i| ((i % SIZE[0] + i / SIZE[0]) % 2) as f32).collect());
         let near = mean(&checker, &flat(0.5), settings(15.0));
         let far = mean(&checker, &flat(0.5), settings(120.0));
         assert!(far < 0.5 * near, "{near} {far}");

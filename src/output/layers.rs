@@ -74,7 +74,9 @@ mod tests {
     #[test]
     fn channels_find_their_layers_and_their_variances() {
         let mut image = Image::new([1, 1]);
-        for name in ["B", "G", "R", "A", "Z", "albedo.R", "albedo.G", "albedo.B", "key.specular.R", "variance.R", "variance.Z"] {
+        for name in
+            ["B", "G", "R", "A", "Z", "albedo.R", "albedo.G", "albedo.B", "key.specular.R", "variance.R", "variance.Z"]
+        {
             image.push(name, SampleKind::Float, vec![0.0]);
         }
         let layers = layers_of(&image);

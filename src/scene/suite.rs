@@ -26,11 +26,18 @@ pub struct SuiteSettings {
     /// Version of the suite format: 1.
     #[schemars(range(min = 1, max = 1))]
     pub version: u32,
+    /// A text file to which `--update` adds why references were remade, .md or .txt. Default references.md.
+    #[serde(default = "log_name")]
+    pub log: String,
     /// What holds for every case that does not say otherwise.
     #[serde(default)]
     pub defaults: CaseDefaults,
     /// The cases by name. Files in them are relative to the folder of the suite.
     pub cases: BTreeMap<String, Case>,
+}
+
+fn log_name() -> String {
+    "references.md".into()
 }
 
 /// What holds for every case that does not say otherwise.
@@ -356,6 +363,10 @@ impl Validation<'_, '_, '_> {
     fn run(&mut self) {
         if self.settings.cases.is_empty() {
             self.error("cases", "there are no cases", "name one, with a `scene` or an `image`");
+        }
+        let log = self.settings.log.to_ascii_lowercase();
+        if !log.ends_with(".md") && !log.ends_with(".txt") {
+            self.error("log", "the log must be a .md or .txt file", "for example `log: references.md`");
         }
         let defaults = &self.settings.defaults;
         self.checks("defaults", defaults.compare.as_deref(), defaults.ignore.as_deref());
