@@ -10,7 +10,7 @@ use crate::regress::RegressJob;
 use crate::render;
 use crate::scene::Scene;
 use crate::scene::settings::Aov;
-use crate::scene::suite::{Case, OUTPUT_PLACEHOLDER, SEED_PLACEHOLDER, Suite, parse_override};
+use crate::scene::suite::{Case, OUTPUT_PLACEHOLDER, PATHS_DEFAULT, SEED_PLACEHOLDER, Suite, parse_override};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -28,7 +28,7 @@ pub struct Making<'a> {
 }
 
 impl Making<'_> {
-    /// The picture of a seed, with `spp` paths a pixel where it is rendered here and not as many as the scene says.
+    /// The picture of a seed, with `spp` paths a pixel where it is rendered here, or [`PATHS_DEFAULT`] in all.
     ///
     /// # Errors
     /// What rendering, the command or reading meets.
@@ -62,7 +62,7 @@ impl Making<'_> {
         let aovs = serde_json::to_string(&aovs).map_err(|e| Error::Internal(e.to_string()))?;
         overrides.push(("output.aovs".into(), aovs));
         overrides.push(("render.seed".into(), seed.to_string()));
-        overrides.push(("film.spp".into(), spp.unwrap_or(own.film.spp).to_string()));
+        overrides.push(("film.spp".into(), spp.unwrap_or_else(|| default_spp(own.film.resolution)).to_string()));
         let scene = Scene::load_with(&path, &overrides)?;
         let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
         let frame = self.case.frame.unwrap_or(first);
@@ -116,6 +116,12 @@ impl Making<'_> {
             error => error.into(),
         })
     }
+}
+
+/// Paths of a pixel that make the default of a picture of this size, at least as many as have a variance worth the name.
+fn default_spp([width, height]: [u32; 2]) -> u32 {
+    const SPP_MIN: u32 = 16;
+    PATHS_DEFAULT.div_ceil(width.saturating_mul(height).max(1)).max(SPP_MIN)
 }
 
 fn temporary_file(name: &str, seed: u64) -> PathBuf {

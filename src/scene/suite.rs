@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// What stands for a case's name in the names of references and pictures.
 pub const CASE_PLACEHOLDER: &str = "{case}";
+/// Paths of a picture whose case does not say how many a pixel has.
+pub const PATHS_DEFAULT: u32 = 4_000_000;
+
 /// What stands in a command for the file that it shall write.
 pub const OUTPUT_PLACEHOLDER: &str = "{output}";
 /// What stands in a command for the seed of its random numbers.
@@ -49,7 +52,7 @@ pub struct CaseDefaults {
     /// The frame of the scene. Default the first of the scene.
     #[schemars(range(min = -100000, max = 1000000))]
     pub frame: Option<i32>,
-    /// Paths traced through each pixel. Default those of the scene.
+    /// Paths traced through each pixel. Default as many as make four million in the picture, what finds a change of a per cent.
     #[schemars(range(min = 2, max = 16777216))]
     pub spp: Option<u32>,
     /// Seed of the light; another one than that of references. Default 17.
@@ -85,7 +88,7 @@ pub struct Case {
     #[serde(default)]
     #[schemars(range(min = -100000, max = 1000000))]
     pub frame: Option<i32>,
-    /// Paths traced through each pixel. Default those of the scene.
+    /// Paths traced through each pixel. Default as many as make four million in the picture, what finds a change of a per cent.
     #[serde(default)]
     #[schemars(range(min = 2, max = 16777216))]
     pub spp: Option<u32>,
