@@ -8,7 +8,7 @@ use support::program::{Folder, contains};
 
 const SUITE: &str = "\
 version: 1
-defaults: {reference: 'refs/{case}.mean.exr', compare: [stat: {}, exact: {layers: [N, Z, albedo]}], ignore: [A]}
+defaults: {reference: 'refs/{case}.mean.exr', compare: [stat: {}, exact: {layers: [Z]}, mse: {at_most: 0.01, layers: [albedo]}], ignore: [A, N]}
 cases:
   ball: {scene: ball.yaml, spp: 16}
   brighter: {scene: ball.yaml, spp: 16, set: ['lights[0].environment.radiance=[1.1, 1.1, 1.1]'], reference: refs/ball.mean.exr, should_fail: true}
@@ -101,7 +101,7 @@ fn references_of_several_runs_know_the_noise_of_every_layer() {
     folder.write(
         "suite.yaml",
         "version: 1\ndefaults: {reference: '{case}.exr', compare: [stat: {}], remake: {runs: 8}}\ncases:\n  ball:\n    \
-         command: PROGRAM render ball.yaml --seed {seed} --spp 8 --set output.aovs=[albedo] --progress none -o {output}\n",
+         command: PROGRAM render ball.yaml --frames 1 --seed {seed} --spp 8 --set output.aovs=[albedo] -o {output}\n",
     );
     let text = std::fs::read_to_string(folder.path("suite.yaml")).unwrap();
     folder.write("suite.yaml", &text.replace("PROGRAM", env!("CARGO_BIN_EXE_curlsmoke")));
@@ -121,4 +121,33 @@ fn faults_of_a_suite_are_named_with_their_places() {
     folder.expect(4, &["regress", "none.yaml"]);
     let [out, _] = folder.expect(0, &["schema", "--suite"]);
     contains(&out, &["should_fail", "at_most"]);
+}
+
+/// The guide's suites and commands, in its order.
+#[test]
+fn the_commands_of_the_guide_work() {
+    let folder = Folder::new();
+    let guide = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/regression.md")).unwrap();
+    let program = std::path::Path::new(env!("CARGO_BIN_EXE_curlsmoke")).parent().unwrap();
+    let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
+    let mut commands = 0;
+    for block in guide.split("```").skip(1).step_by(2) {
+        let (kind, text) = block.split_once('\n').unwrap();
+        match kind.split_once(' ') {
+            Some(("yaml", name)) => folder.write(name, text),
+            _ if kind == "sh" => {
+                for line in text.lines() {
+                    let mut shell = std::process::Command::new("sh");
+                    let run =
+                        shell.arg("-c").arg(line).current_dir(folder.0.path()).env("PATH", &path).output().unwrap();
+                    let said =
+                        format!("{}{}", String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr));
+                    assert!(run.status.success(), "{line}\n{said}");
+                    commands += 1;
+                }
+            }
+            _ => panic!("a block of `{kind}`"),
+        }
+    }
+    assert!(commands >= 4 && folder.files("out/report") == ["index.html"], "{commands} commands were run");
 }

@@ -18,9 +18,12 @@
 //! The idea of testing renders against mean and variance is that of Mitsuba 3's render tests and of
 //! Subr and Arvo 2007 (*Statistical Hypothesis Testing for Assessing Monte Carlo Estimators*).
 
-use crate::math::statistics::{Moments, normal_quantile, sidak, student_t_cdf, z_test};
+use crate::math::statistics::{
+    Moments, effective_count, normal_quantile, sidak, sidak_effective, student_t_cdf, z_test,
+};
 use crate::output::compare::{CompareError, Report, check_finite};
 use crate::output::image::{Attribute, Image};
+use std::ops::Range;
 
 /// Attribute that says how many samples a pixel has.
 pub const SPP_ATTRIBUTE: &str = "curlsmoke/spp";
@@ -136,8 +139,11 @@ pub(crate) fn test(
     }
     let level = sidak(settings.alpha, TEST_COUNT);
     test_pixels(&channels, noise.degrees(), level, settings.pixel_share, report);
-    test_blocks(image, &channels, level, report);
-    test_whole(&channels, level, report);
+    let units: Vec<Vec<f64>> = channels.iter().map(|channel| units(channel)).collect();
+    // Channels of grey light are the same three times, and must not be paid for three times.
+    let count = effective_count(&units);
+    test_blocks(image, &channels, count, level, report);
+    test_whole(&channels, &units, sidak_effective(level, count), report);
     Ok(())
 }
 
@@ -261,10 +267,10 @@ fn ratio(x: f64, y: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x / y }
 }
 
-fn test_blocks(image: &Image, channels: &[Channel], level: f64, report: &mut Report) {
+fn test_blocks(image: &Image, channels: &[Channel], channel_count: f64, level: f64, report: &mut Report) {
     let [width, height] = image.data_size.map(|n| n as usize);
     let (columns, rows) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
-    let p = sidak(level, columns * rows * channels.len());
+    let p = sidak_effective(level, (columns * rows) as f64 * channel_count);
     let mut failed = 0usize;
     let mut worst = (1.0f64, 0.0f64, [0, 0]);
     for block in 0..columns * rows {
@@ -323,49 +329,60 @@ fn systematic_rounding(channel: &Channel, i: usize) -> f64 {
     if channel.variance[i].sqrt() < channel.rounding[i] { channel.rounding[i] } else { 0.0 }
 }
 
-fn test_whole(channels: &[Channel], level: f64, report: &mut Report) {
-    let p = sidak(level, channels.len());
+fn test_whole(channels: &[Channel], units: &[Vec<f64>], p: f64, report: &mut Report) {
     let mut worst = 0.0f64;
     let mut bias = 0.0;
-    for channel in channels {
-        let (score, mean) = whole_score(channel);
+    for (channel, units) in channels.iter().zip(units) {
+        let score = whole_score(channel, units);
         if score >= worst {
-            (worst, bias) = (score, mean);
+            worst = score;
+            bias = channel.difference.iter().sum::<f64>() / channel.difference.len().max(1) as f64;
         }
     }
     let text = format!("mean difference {bias:+.3e}, {worst:.2} standard deviations");
     report.find("image", z_test(worst) >= p, text);
 }
 
-/// Standard deviations by which the picture as a whole is off, and the mean difference.
-///
-/// Each pixel counts in units of the mean noise of its run of pixels, which hardly depends on the pixel's own luck. The
-/// spread of these units across the picture is itself a measure of noise, and a smaller one where stratified samples
-/// make pixels quieter than their variance says; so the smaller of the two is used.
-fn whole_score(channel: &Channel) -> (f64, f64) {
-    let (mut units, mut differences) = (Moments::default(), Moments::default());
-    let mut expected = 0.0;
-    let mut rounding = 0.0;
-    for start in (0..channel.difference.len()).step_by(BLOCK * BLOCK) {
-        let run = start..(start + BLOCK * BLOCK).min(channel.difference.len());
+/// Runs of pixels and the mean noise of each: a measure of a pixel's noise that hardly depends on its own luck.
+fn runs(channel: &Channel) -> impl Iterator<Item = (Range<usize>, f64)> {
+    let count = channel.difference.len();
+    (0..count).step_by(BLOCK * BLOCK).map(move |start| {
+        let run = start..(start + BLOCK * BLOCK).min(count);
         let noise = channel.variance[run.clone()].iter().sum::<f64>() / run.len() as f64;
+        (run, noise)
+    })
+}
+
+/// The differences in units of the noise of their run; 0 where there is no noise.
+fn units(channel: &Channel) -> Vec<f64> {
+    runs(channel)
+        .flat_map(|(run, noise)| {
+            run.map(move |i| ratio(if noise > 0.0 { channel.difference[i] } else { 0.0 }, noise.sqrt()))
+        })
+        .collect()
+}
+
+/// Standard deviations by which the picture as a whole is off.
+///
+/// The spread of the units across the picture is itself a measure of noise, and a smaller one where stratified samples make
+/// pixels quieter than their variance says; so the smaller of the two is used.
+fn whole_score(channel: &Channel, units: &[f64]) -> f64 {
+    let (mut noisy, mut expected, mut rounding) = (Moments::default(), 0.0, 0.0);
+    // Without noise there is nothing to measure in; the pixel test has looked at these.
+    for (run, noise) in runs(channel).filter(|(_, noise)| *noise > 0.0) {
         for i in run {
-            differences.push(channel.difference[i]);
-            // Without noise there is nothing to measure in; the pixel test has looked at these.
-            if noise > 0.0 {
-                units.push(channel.difference[i] / noise.sqrt());
-                expected += channel.variance[i] / noise;
-                rounding += systematic_rounding(channel, i) / noise.sqrt();
-            }
+            noisy.push(units[i]);
+            expected += channel.variance[i] / noise;
+            rounding += systematic_rounding(channel, i) / noise.sqrt();
         }
     }
-    let count = units.count() as f64;
+    let count = noisy.count() as f64;
     if count < 2.0 {
-        return (0.0, differences.mean());
+        return 0.0;
     }
-    let variance_of_mean = (expected / count / count).min(units.variance_of_mean());
-    let excess = (units.mean().abs() - rounding / count).max(0.0);
-    (ratio(excess, variance_of_mean.sqrt()), differences.mean())
+    let variance_of_mean = (expected / count / count).min(noisy.variance_of_mean());
+    let excess = (noisy.mean().abs() - rounding / count).max(0.0);
+    ratio(excess, variance_of_mean.sqrt())
 }
 
 #[cfg(test)]

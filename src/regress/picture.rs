@@ -93,8 +93,9 @@ impl Making<'_> {
             let text = format!("the case runs `{command}`; allow that with --run-commands if you trust the suite");
             return Err(Error::Usage(text));
         }
-        let file = Leftover(temporary_file(self.name, seed));
-        let quoted = format!("'{}'", file.0.display().to_string().replace('\'', "'\\''"));
+        let place = Leftover::new(self.name, seed)?;
+        let file = place.0.join("picture.exr");
+        let quoted = format!("'{}'", file.display().to_string().replace('\'', "'\\''"));
         let line = command.replace(OUTPUT_PLACEHOLDER, &quoted).replace(SEED_PLACEHOLDER, &seed.to_string());
         let folder = self.suite.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let run = Command::new("sh").arg("-c").arg(&line).current_dir(folder).output();
@@ -104,7 +105,7 @@ impl Making<'_> {
             let last = said.lines().last().unwrap_or("it said nothing");
             return Err(Error::Usage(format!("`{line}` ended with {}: {last}", run.status)));
         }
-        Ok(read_image(&file.0, self.job.memory_limit)?)
+        Ok(read_image(&file, self.job.memory_limit)?)
     }
 
     fn found(&self) -> Result<Image, Error> {
@@ -124,16 +125,21 @@ fn default_spp([width, height]: [u32; 2]) -> u32 {
     PATHS_DEFAULT.div_ceil(width.saturating_mul(height).max(1)).max(SPP_MIN)
 }
 
-fn temporary_file(name: &str, seed: u64) -> PathBuf {
-    std::env::temp_dir().join(format!("curlsmoke-regress-{}-{name}-{seed}.exr", std::process::id()))
-}
-
-/// A file that goes when it is no longer needed.
+/// A folder of its own for what a command writes, which goes with all that the command has left there.
 struct Leftover(PathBuf);
+
+impl Leftover {
+    fn new(name: &str, seed: u64) -> Result<Self, Error> {
+        let process = std::process::id();
+        let folder = std::env::temp_dir().join(format!("curlsmoke-regress-{process}-{name}-{seed}"));
+        std::fs::create_dir_all(&folder).map_err(|cause| OutputError::Unwritable { path: folder.clone(), cause })?;
+        Ok(Self(folder))
+    }
+}
 
 impl Drop for Leftover {
     fn drop(&mut self) {
-        // It may never have been written.
-        let _ = std::fs::remove_file(&self.0);
+        // What cannot be removed there is for the system to clean up.
+        let _ = std::fs::remove_dir_all(&self.0);
     }
 }

@@ -1,7 +1,7 @@
 "use strict";
 const viewers = [...document.querySelectorAll(".viewer")];
 function show(viewer, kind, isLasting) {
-  const images = [...viewer.querySelectorAll("img")];
+  const images = [...viewer.querySelectorAll(".stack img")];
   const image = images.find((one) => one.dataset.kind === kind);
   if (!image) return;
   for (const one of images) one.hidden = one !== image;
@@ -15,6 +15,10 @@ for (const viewer of viewers) {
   stack.addEventListener("mouseenter", () => show(viewer, viewer.dataset.kind === "0" ? "1" : "0", false));
   stack.addEventListener("mouseleave", () => show(viewer, viewer.dataset.kind, false));
   for (const button of viewer.querySelectorAll("button")) {
+    const thumbnail = viewer.querySelector(`.stack img[data-kind="${button.dataset.kind}"]`).cloneNode();
+    thumbnail.hidden = false;
+    thumbnail.alt = "";
+    button.prepend(thumbnail);
     button.addEventListener("click", () => show(viewer, button.dataset.kind, true));
   }
 }
