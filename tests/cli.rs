@@ -16,7 +16,7 @@ fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
     let [out, err] = folder.expect(0, &["--help"]);
     contains(&out, &["render", "check", "schema", "bake", "compare", "flow", "streamlines", "128+n"]);
     assert!(err.is_empty());
-    for verb in ["render", "check", "schema", "bake", "compare", "denoise", "flow", "streamlines"] {
+    for verb in ["render", "check", "schema", "bake", "compare", "regress", "denoise", "flow", "streamlines"] {
         let [out, _] = folder.expect(0, &[verb, "--help"]);
         contains(&out, &["Example: curlsmoke"]);
     }

@@ -139,7 +139,7 @@ pub(crate) fn test(
     }
     let level = sidak(settings.alpha, TEST_COUNT);
     test_pixels(&channels, noise.degrees(), level, settings.pixel_share, report);
-    let units: Vec<Vec<f64>> = channels.iter().map(|channel| units(channel)).collect();
+    let units: Vec<Vec<f64>> = channels.iter().map(units).collect();
     // Channels of grey light are the same three times, and must not be paid for three times.
     let count = effective_count(&units);
     test_blocks(image, &channels, count, level, report);
@@ -191,7 +191,7 @@ impl Noise<'_, '_> {
 
     /// Variance of the difference in each pixel of channel `c`.
     fn of_difference(&self, c: usize) -> Vec<f64> {
-        fn values<'v>(variance: &Vec<&'v [f32]>, c: usize) -> impl Iterator<Item = f64> + use<'v> {
+        fn values<'v>(variance: &[&'v [f32]], c: usize) -> impl Iterator<Item = f64> + use<'v> {
             variance[c].iter().map(|&v| f64::from(v))
         }
         match (&self.ours.variances, &self.theirs.variances, self.ours.spp, self.theirs.spp) {

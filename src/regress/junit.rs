@@ -26,9 +26,9 @@ impl JunitReport {
         self.seconds += result.seconds;
         let (name, text) = (escaped(&result.name), escaped(&result.summary()));
         // Writing to a String cannot fail.
-        let _ = write!(
+        let _ = writeln!(
             self.cases,
-            "    <testcase classname=\"{}\" name=\"{name}\" time=\"{:.3}\">\n",
+            "    <testcase classname=\"{}\" name=\"{name}\" time=\"{:.3}\">",
             self.suite, result.seconds
         );
         let tag = match &result.outcome {
@@ -46,9 +46,9 @@ impl JunitReport {
         let _ = match tag {
             Some(tag) => {
                 let how = escaped(&result.update_command);
-                write!(self.cases, "      <{tag} message=\"{text}\">{figures}to accept it: {how}</{tag}>\n")
+                writeln!(self.cases, "      <{tag} message=\"{text}\">{figures}to accept it: {how}</{tag}>")
             }
-            None => write!(self.cases, "      <system-out>{figures}</system-out>\n"),
+            None => writeln!(self.cases, "      <system-out>{figures}</system-out>"),
         };
         self.cases += "    </testcase>\n";
     }
