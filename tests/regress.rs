@@ -101,7 +101,7 @@ fn references_of_several_runs_know_the_noise_of_every_layer() {
     folder.write(
         "suite.yaml",
         "version: 1\ndefaults: {reference: '{case}.exr', compare: [stat: {}], remake: {runs: 8}}\ncases:\n  ball:\n    \
-         command: PROGRAM render ball.yaml --frames 1 --seed {seed} --spp 8 --set output.aovs=[albedo] -o {output}\n",
+         command: PROGRAM render ball.yaml --set frames.last=1 --seed {seed} --spp 8 --set output.aovs=[albedo] -o {output}\n",
     );
     let text = std::fs::read_to_string(folder.path("suite.yaml")).unwrap();
     folder.write("suite.yaml", &text.replace("PROGRAM", env!("CARGO_BIN_EXE_curlsmoke")));

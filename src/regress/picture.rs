@@ -102,8 +102,10 @@ impl Making<'_> {
         let run = run.map_err(|e| Error::Usage(format!("`{line}` cannot be run: {e}")))?;
         if !run.status.success() {
             let said = String::from_utf8_lossy(&run.stderr);
-            let last = said.lines().last().unwrap_or("it said nothing");
-            return Err(Error::Usage(format!("`{line}` ended with {}: {last}", run.status)));
+            // What is wrong tends to come first, and its number last.
+            let telling = said.lines().find(|line| line.contains("error")).or(said.lines().last());
+            let telling = telling.unwrap_or("it said nothing");
+            return Err(Error::Usage(format!("`{line}` ended with {}: {telling}", run.status)));
         }
         Ok(read_image(&file, self.job.memory_limit)?)
     }
