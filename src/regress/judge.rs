@@ -134,7 +134,17 @@ pub fn judge(
         for check in own {
             let mode = mode_of(check);
             warnings.extend(reference_noise(image, reference, layer, mode));
-            let report = compare_layer(image, reference, layer, mode)?;
+            let report = match compare_layer(image, reference, layer, mode) {
+                Err(CompareError::NoVariance) => {
+                    judgement.structure.push(wrong(format!(
+                        "nothing says how noisy the layer `{}` is; give it another check than `stat`, or make its reference of \
+                         several runs (`remake`)",
+                        layer.name
+                    )));
+                    continue;
+                }
+                report => report?,
+            };
             judgement.layers.push(LayerJudgement { layer: layer.clone(), check: check.name(), report });
         }
     }
@@ -190,6 +200,7 @@ mod tests {
             assert!(judged("compare: [exact: {}], ignore: [N]", image, reference).agree());
         }
         assert!(!judged("compare: [exact: {layers: [beauty]}]", &more, &more).agree());
+        assert!(judged("compare: [stat: {}]", &more, &more).summary().contains("how noisy the layer `beauty` is"));
         assert!(!judged("compare: [exact: {}, max: {at_most: 1, layers: [Q]}]", &more, &more).agree());
         let mut small = picture(&BEAUTY, 1.0);
         small.size = [8, 8];
