@@ -45,11 +45,11 @@ const CHANGES: [&str; 3] = ["density", "albedo", "light"];
 const EQUAL_COUNT: usize = 1050;
 const PICTURES_A_REFERENCE: usize = 25;
 /// Paths a pixel of these: fewer than by default, since the rate is what counts and tails are heavier with few.
-const EQUAL_SPP: u32 = 96;
+const EQUAL_SPP: u32 = 64;
 /// Comparisons for each change of each scene.
 const CHANGED_COUNT: usize = 20;
 /// Paths of a reference for each of the pictures'.
-const REFERENCE_FACTOR: u32 = 16;
+const REFERENCE_FACTOR: u32 = 8;
 
 /// What replaces the figures in the page.
 const MARKERS: [&str; 2] = ["<!-- figures of make alarm-rate -->\n", "<!-- end of figures -->\n"];
@@ -76,42 +76,56 @@ fn print_figures(text: &str) {
 fn figures(share: f64) -> String {
     let counted = |count: usize| ((count as f64 * share) as usize).max(1);
     let references = counted(EQUAL_COUNT / SCENES.len() / PICTURES_A_REFERENCE);
+    let equal = references * PICTURES_A_REFERENCE;
+    let alarms = SCENES.map(|(name, _)| {
+        let alarms = equal_alarms(name, references);
+        print_figures(&format!("{name}: {alarms} alarms in {equal} comparisons of equal light"));
+        alarms
+    });
+    let found = changes_found(counted(CHANGED_COUNT));
+    let changed = counted(CHANGED_COUNT);
     let mut text = String::from(
         "| scene | equal light: alarms | density +1 % | albedo +1 % | light +1 % |\n|---|---|---|---|---|\n",
     );
-    let (mut alarms, mut equal, mut found, mut changed) = (0, 0, [0; 3], 0);
-    for (name, changes) in SCENES {
-        let start = std::time::Instant::now();
-        let own = equal_alarms(name, references);
-        alarms += own;
-        equal += references * PICTURES_A_REFERENCE;
-        let _ = write!(text, "| {name} | {own} of {} |", references * PICTURES_A_REFERENCE);
-        let same = Scene::new(name, None, None);
-        let reference = same.picture(Some(same.default_spp() * REFERENCE_FACTOR), 1);
-        for (i, change) in changes.into_iter().enumerate() {
-            let scene = Scene::new(name, Some(change), None);
-            let seeds = (0..counted(CHANGED_COUNT) as u64).map(|seed| 2000 + 100 * i as u64 + seed);
-            let own = seeds.filter(|&seed| scene.differs(&scene.picture(None, seed), &reference)).count();
-            found[i] += own;
-            let _ = write!(text, " {own} of {} |", counted(CHANGED_COUNT));
-        }
-        changed += counted(CHANGED_COUNT);
+    for (s, (name, _)) in SCENES.into_iter().enumerate() {
+        let _ = write!(text, "| {name} | {} of {equal} |", alarms[s]);
+        found[s].iter().for_each(|found| {
+            let _ = write!(text, " {found} of {changed} |");
+        });
         text += "\n";
-        print_figures(&format!("{}({:.0} s)", text.lines().last().unwrap_or_default(), start.elapsed().as_secs_f64()));
     }
-    let percent = |part: usize, whole: usize| 100.0 * part as f64 / whole as f64;
-    let _ = write!(text, "| all | {alarms} of {equal}: {:.1} % |", percent(alarms, equal));
-    for found in found {
-        let _ = write!(text, " {:.1} % |", percent(found, changed));
+    let percent = |part: usize, whole: usize| 100.0 * part as f64 / (whole * SCENES.len()) as f64;
+    let all: usize = alarms.iter().sum();
+    let _ = write!(text, "| all | {all} of {}: {:.1} % |", equal * SCENES.len(), percent(all, equal));
+    for i in 0..CHANGES.len() {
+        let _ = write!(text, " {:.1} % |", percent(found.iter().map(|found| found[i]).sum(), changed));
     }
     let _ = writeln!(
         text,
-        "\n\nEqual light with {EQUAL_SPP} paths a pixel, changes ({}) with {:.0} million in the picture, references with \
+        "\n\nEqual light with {EQUAL_SPP} paths a pixel, changes with {:.0} million in the picture, references with \
          {REFERENCE_FACTOR} times as many; 48 × 27 pixels, `stat` with its defaults.",
-        CHANGES.join(", "),
         PATHS_DEFAULT as f64 / 1e6
     );
     text
+}
+
+/// How often each change of each scene is found in so many pictures.
+fn changes_found(count: usize) -> [[usize; CHANGES.len()]; SCENES.len()] {
+    let same = SCENES.map(|(name, _)| Scene::new(name, None, None));
+    let references = same.map(|scene| scene.picture(Some(scene.default_spp() * REFERENCE_FACTOR), 1));
+    let mut found = [[0; CHANGES.len()]; SCENES.len()];
+    // Round after round, so that whoever cannot wait has figures of all of them.
+    for round in 0..count as u64 {
+        for (s, (name, changes)) in SCENES.into_iter().enumerate() {
+            for (i, change) in changes.into_iter().enumerate() {
+                let scene = Scene::new(name, Some(change), None);
+                let picture = scene.picture(None, 2000 + 100 * i as u64 + round);
+                found[s][i] += usize::from(scene.differs(&picture, &references[s]));
+            }
+        }
+        print_figures(&format!("changes of {CHANGES:?} found in {} pictures each: {found:?}", round + 1));
+    }
+    found
 }
 
 /// Alarms of pictures that differ in their seeds alone.
