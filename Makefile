@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test test-farm test-page page-picture gallery flow-pictures paper-tables verification refs bench bench-instructions roofline scaling peers costs
+.PHONY: plume test test-farm test-page page-picture test-flip gallery flow-pictures paper-tables verification refs alarm-rate bench bench-instructions roofline scaling peers costs
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -82,8 +82,19 @@ verification:
 refs:
 	@test -n "$(REASON)" || { echo 'make refs needs a reason: make refs REASON="what changed, and why the pictures should"' >&2; exit 2; }
 	./bootstrap.sh
-	CURLSMOKE_REMAKE_REFS="$(REASON)" cargo test --release --test images
-	@echo "- $$(date -u +%F): $(REASON)" >> refs/README.md
+	$(CURLSMOKE) regress refs/suite.yaml --update --reason "$(REASON)"
+
+# How often the image tests err: false alarms, and changes of a per cent that are found. Writes docs/regression.md; minutes of all processors.
+alarm-rate:
+	./bootstrap.sh
+	cargo run --release --quiet --example alarm_rate
+
+# FLIP against its authors' package, in a Python environment of its own.
+test-flip:
+	cargo build --release --bin curlsmoke
+	python3 -m venv target/flip
+	target/flip/bin/pip install --quiet flip-evaluator==1.7 OpenEXR numpy
+	target/flip/bin/python tests/interop/flip.py target/release/curlsmoke
 
 # Kernels beside what was recorded, in cycles of a chain that runs beside them; fails where one is slower. RECORD=1 keeps the
 # figures in benches/recorded.json, or in docs/performance.md.

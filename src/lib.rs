@@ -4,7 +4,7 @@
 //! Data flows left to right, and a module imports only from modules to its left:
 //!
 //! ```text
-//! math · progress | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → watch → cli → main
+//! math · progress | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → watch · regress → cli → main
 //! ```
 
 pub mod math;
@@ -33,6 +33,7 @@ pub mod error;
 
 pub mod pipeline;
 
+pub mod regress;
 pub mod watch;
 
 pub mod cli;

@@ -24,6 +24,7 @@ fn help_goes_to_standard_output_and_mistakes_to_standard_error() {
         "schema",
         "bake",
         "compare",
+        "regress",
         "inspect",
         "denoise",
         "flow",

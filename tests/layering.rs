@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From left to right; a module imports only from modules to its left.
-const ORDER: [&str; 15] = [
+const ORDER: [&str; 16] = [
     "math",
     "progress",
     "scene",
@@ -19,6 +19,7 @@ const ORDER: [&str; 15] = [
     "error",
     "pipeline",
     "watch",
+    "regress",
     "cli",
 ];
 

@@ -46,7 +46,7 @@ pub enum Verb {
     Check(CheckArguments),
     /// Print the JSON Schema of scene files, for editors
     #[command(after_help = "Example: curlsmoke schema > curlsmoke.schema.json")]
-    Schema,
+    Schema(SchemaArguments),
     /// Write the density of each frame as a .vdb file, without rendering
     #[command(after_help = "Example: curlsmoke bake scenes/plume.yaml --frames 1-96 --output cache/plume.####.vdb")]
     Bake(BakeArguments),
@@ -58,6 +58,9 @@ pub enum Verb {
     /// Tell what a picture holds: its layers, one pixel, or what its numbers are like
     #[command(after_help = "Example: curlsmoke inspect out/ring.0001.exr --pixel 320,180 --stats")]
     Inspect(InspectImageArguments),
+    /// Make the pictures of a suite and compare them with references; exit code 7 when any case fails
+    #[command(after_help = "Example: curlsmoke regress refs/suite.yaml --report out/regress --junit out/regress.xml")]
+    Regress(RegressArguments),
     /// Take the noise out of a rendered picture, with Intel's Open Image Denoise; keeps what was rendered
     #[command(
         after_help = "Example: curlsmoke denoise out/ring.exr -o out/ring.denoised.exr --preview out/ring.denoised.png"
@@ -449,11 +452,11 @@ pub struct CompareArguments {
     /// What counts as a difference
     #[arg(short, long, value_enum, default_value_t = CompareMode::Exact)]
     pub mode: CompareMode,
-    /// Largest allowed difference for mse, relmse and max; smallest allowed ratio
+    /// Largest allowed difference for mse, relmse, max and flip; smallest allowed ratio
     /// [dB] for psnr
     #[arg(short, long, value_name = "NUMBER", allow_hyphen_values = true, verbatim_doc_comment)]
     pub threshold: Option<f64>,
-    /// Probability of a false alarm in each test of --mode stat, 0 to 1
+    /// Probability of a false alarm of --mode stat, 0 to 1
     #[arg(long, value_name = "NUMBER", default_value_t = 0.01)]
     pub alpha: f64,
     /// Share of pixels that must agree in --mode stat [percent]
@@ -463,6 +466,9 @@ pub struct CompareArguments {
     /// the `variance` layers of the pictures
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     pub variance: Option<PathBuf>,
+    /// Look with --mode flip at what a screen shows, not at light
+    #[arg(long)]
+    pub ldr: bool,
     /// Write how bad each pixel is, to .exr (numbers) or .png (colours); repeatable
     #[arg(long, value_name = "FILE")]
     pub heat_map: Vec<PathBuf>,
@@ -485,6 +491,49 @@ pub struct InspectImageArguments {
     /// Print the names of all channels and what is known of the picture; also without any flag
     #[arg(long)]
     pub layers: bool,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// Flags of `schema`.
+#[derive(Debug, Args)]
+pub struct SchemaArguments {
+    /// That of the suites of `regress` instead
+    #[arg(long)]
+    pub suite: bool,
+}
+
+/// Flags of `regress`.
+#[derive(Debug, Args)]
+pub struct RegressArguments {
+    /// The suite file (YAML)
+    pub suite: PathBuf,
+    /// Cases to run [default: all]; several with commas
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Make the references anew instead of comparing
+    #[arg(long, conflicts_with_all = ["report", "junit"])]
+    pub update: bool,
+    /// Why the pictures should change, which references and their log keep
+    #[arg(long, value_name = "TEXT", requires = "update")]
+    pub reason: Option<String>,
+    /// Write a page with all pictures and figures to this folder, and the pictures of
+    /// cases that fail
+    #[arg(long, value_name = "FOLDER", verbatim_doc_comment)]
+    pub report: Option<PathBuf>,
+    /// Write the verdicts as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Run the commands of cases that have one, by the shell
+    #[arg(long)]
+    pub run_commands: bool,
+    /// Threads [default: one for each processor]; results never depend on it
+    #[arg(short = 'j', long, value_name = "COUNT")]
+    pub threads: Option<usize>,
+    /// How to show progress on standard error
+    #[arg(long, value_enum, default_value_t = Style::None)]
+    pub progress: Style,
     /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
     #[arg(long, value_name = "AMOUNT", default_value = "8")]
     pub memory_limit: Memory,
@@ -711,6 +760,8 @@ pub enum CompareMode {
     Psnr,
     /// Largest difference of any pixel
     Max,
+    /// What an observer sees who flips between the pictures: the mean of FLIP, 0 to 1
+    Flip,
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! `curlsmoke check` and `curlsmoke schema`.
 
-use crate::cli::args::{CheckArguments, Format};
+use crate::cli::args::{CheckArguments, Format, SchemaArguments};
 use crate::cli::{log, print_result};
 use crate::error::Error;
 use crate::pipeline;
+use crate::scene::suite::suite_schema_json;
 use crate::scene::{Scene, SceneError, schema_json};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -69,7 +70,8 @@ fn json_report(path: &Path, scene: &Result<Scene, SceneError>, inputs: &Inputs) 
     json!({"scene": path, "ok": ok, "message": message, "problems": problems, "warnings": warnings})
 }
 
-/// Prints the JSON Schema of scene files.
-pub(super) fn schema() -> Result<u8, Error> {
-    print_result(&format!("{:#}", schema_json())).map(|()| 0)
+/// Prints the JSON Schema of scene files, or of suites.
+pub(super) fn schema(arguments: &SchemaArguments) -> Result<u8, Error> {
+    let schema = if arguments.suite { suite_schema_json() } else { schema_json() };
+    print_result(&format!("{schema:#}")).map(|()| 0)
 }

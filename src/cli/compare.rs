@@ -5,6 +5,7 @@ use crate::cli::{DIFFERENT, log, print_result};
 use crate::error::Error;
 use crate::output::agreement::StatisticalSettings;
 use crate::output::compare::{Measure, Mode, compare};
+use crate::output::flip::FlipSettings;
 use crate::output::{heat_map, read_image};
 use std::path::{Path, PathBuf};
 
@@ -43,6 +44,13 @@ fn mode_of(arguments: &CompareArguments) -> Result<Mode, Error> {
         CompareMode::Stat => {
             let settings = StatisticalSettings { alpha: arguments.alpha, pixel_share: arguments.pixels / 100.0 };
             return Ok(Mode::Statistical(settings));
+        }
+        CompareMode::Flip => {
+            let settings = FlipSettings { ldr: arguments.ldr, ..FlipSettings::default() };
+            let needed =
+                "this mode needs a limit; add --threshold with the largest mean of FLIP: for example --threshold 0.02";
+            let threshold = arguments.threshold.ok_or_else(|| Error::Usage(needed.into()))?;
+            return Ok(Mode::Flip(settings, threshold));
         }
         CompareMode::Mse => Measure::Mse,
         CompareMode::Relmse => Measure::RelMse,

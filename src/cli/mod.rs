@@ -15,6 +15,7 @@ mod pixel;
 mod places;
 mod points;
 pub mod progress;
+mod regress;
 mod render;
 mod sheet;
 mod signals;
@@ -60,10 +61,11 @@ pub fn run() -> u8 {
         Verb::Watch(arguments) => watch::run(&arguments),
         Verb::Turntable(arguments) => turntable::run(arguments),
         Verb::Check(arguments) => check::run(&arguments),
-        Verb::Schema => check::schema(),
+        Verb::Schema(arguments) => check::schema(&arguments),
         Verb::Bake(arguments) => bake::run(&arguments),
         Verb::Compare(arguments) => compare::run(&arguments),
         Verb::Inspect(arguments) => inspect::run(&arguments),
+        Verb::Regress(arguments) => regress::run(&arguments),
         Verb::Denoise(arguments) => denoise::run(&arguments),
         Verb::Flow(verb) => flow::run(&verb),
         Verb::Streamlines(arguments) => streamlines::run(&arguments),

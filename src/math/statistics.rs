@@ -161,7 +161,39 @@ pub fn chi_square_test(observed: &[f64], expected: &[f64]) -> f64 {
 /// The level at which each of `count` independent tests must be held so that all of them together have level `alpha`
 /// (Šidák): 1 − (1 − alpha)^(1/count).
 pub fn sidak(alpha: f64, count: usize) -> f64 {
-    -((-alpha).ln_1p() / count.max(1) as f64).exp_m1()
+    sidak_effective(alpha, count as f64)
+}
+
+/// As [`sidak`] for tests that depend on each other, of which `count` independent ones would do as much.
+pub fn sidak_effective(alpha: f64, count: f64) -> f64 {
+    -((-alpha).ln_1p() / count.max(1.0)).exp_m1()
+}
+
+/// How many independent variables are worth as much as some that correlate: 1 for equal ones, their number for independent ones
+/// (Nyholt 2004, *A Simple Correction for Multiple Testing for SNPs in Linkage Disequilibrium*: by the variance of the eigenvalues of
+/// their correlations, which needs no eigenvalues). Variables that never vary count as independent.
+///
+/// # Panics
+/// When the variables have different numbers of values.
+pub fn effective_count(variables: &[Vec<f64>]) -> f64 {
+    let count = variables.len() as f64;
+    if variables.len() < 2 {
+        return count;
+    }
+    let moments: Vec<Moments> = variables.iter().map(|values| values.iter().copied().collect()).collect();
+    let correlation = |i: usize, j: usize| {
+        let scale = (moments[i].variance() * moments[j].variance()).sqrt() * (variables[i].len().max(2) - 1) as f64;
+        assert_eq!(variables[i].len(), variables[j].len(), "one value for each");
+        let pairs = variables[i].iter().zip(&variables[j]);
+        let sum: f64 = pairs.map(|(a, b)| (a - moments[i].mean()) * (b - moments[j].mean())).sum();
+        if scale > 0.0 { sum / scale } else { 0.0 }
+    };
+    let squares: f64 = (0..variables.len())
+        .flat_map(|i| (0..variables.len()).map(move |j| (i, j)))
+        .map(|(i, j)| if i == j { 1.0 } else { correlation(i, j).powi(2) })
+        .sum();
+    let spread = (squares - count) / (count - 1.0);
+    1.0 + (count - 1.0) * (1.0 - spread / count)
 }
 
 /// Natural logarithm of the gamma function for `x` > 0 (Lanczos, g = 7, nine terms; relative error about 1e-14).
@@ -365,6 +397,16 @@ mod tests {
         let tilted: Vec<f64> = (0..20).map(|i| 1000.0 + 10.0 * (f64::from(i) - 9.5)).collect();
         assert!(chi_square_test(&counts, &tilted) < 1e-3);
         assert_eq!(chi_square_test(&[1.0, 99.0], &[0.0, 100.0]), 0.0);
+    }
+
+    #[test]
+    fn equal_variables_count_once_and_independent_ones_each() {
+        let noise = |key: u64| (0..4000).map(|i| f64::from(Seed(key).uniform(i))).collect::<Vec<f64>>();
+        let scaled: Vec<f64> = noise(1).iter().map(|x| 3.0 - 2.0 * x).collect();
+        close(effective_count(&[noise(1), scaled.clone(), noise(1)]), 1.0, 1e-9);
+        close(effective_count(&[noise(1), noise(2), noise(3)]), 3.0, 0.01);
+        close(effective_count(&[noise(1), scaled, noise(3)]), 2.333, 0.01);
+        close(effective_count(&[vec![0.0; 9], vec![0.0; 9]]), 2.0, 1e-12);
     }
 
     #[test]

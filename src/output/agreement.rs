@@ -1,6 +1,6 @@
 //! Whether two noisy pictures can be measurements of the same light: a test of hypotheses, not a tolerance.
 //!
-//! Three tests of the differences d in R, G and B, each at level `alpha`:
+//! Three tests of the differences d in the channels of a layer, which together raise a false alarm with probability `alpha`:
 //!
 //! 1. *pixels*: |d| against its standard deviation in each pixel, with Šidák's correction for the number of pixels; a
 //!    small share may fail, because the tails of light are heavier than a normal distribution's.
@@ -12,18 +12,24 @@
 //! the two estimates are pooled; this keeps a low estimate in a pixel that happened to miss its bright paths from
 //! raising an alarm.
 //!
-//! The variances in our pictures are upper bounds (`docs/decisions.md`), so the tests of pixels and blocks raise fewer
-//! false alarms than `alpha` and find less; the third measures the noise in the picture itself where that is less.
+//! The variances in our pictures are upper bounds (`docs/decisions.md`), so the test of pixels raises fewer false alarms than
+//! `alpha` and finds less; the others measure the noise in the picture itself where that is less.
 //!
 //! The idea of testing renders against mean and variance is that of Mitsuba 3's render tests and of
 //! Subr and Arvo 2007 (*Statistical Hypothesis Testing for Assessing Monte Carlo Estimators*).
 
-use crate::math::statistics::{Moments, normal_quantile, sidak, student_t_cdf, z_test};
+use crate::math::statistics::{
+    Moments, effective_count, normal_quantile, sidak, sidak_effective, student_t_cdf, z_test,
+};
 use crate::output::compare::{CompareError, Report, check_finite};
-use crate::output::image::{Attribute, Image, SampleKind};
+use crate::output::image::{Attribute, Image};
+use std::ops::Range;
 
 /// Attribute that says how many samples a pixel has.
 pub const SPP_ATTRIBUTE: &str = "curlsmoke/spp";
+
+/// Attribute of a reference that says between how many pictures its variance was measured.
+pub const RUNS_ATTRIBUTE: &str = "curlsmoke/runs";
 
 /// Width of the blocks whose means are tested [pixels].
 const BLOCK: usize = 16;
@@ -31,7 +37,7 @@ const BLOCK: usize = 16;
 /// Levels of the tests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StatisticalSettings {
-    /// Probability that each test raises a false alarm, 0 to 1. Default 0.01.
+    /// Probability that the tests together raise a false alarm, 0 to 1. Default 0.01.
     pub alpha: f64,
     /// Share of pixels that must pass theirs, 0 to 1. Default 0.9975.
     pub pixel_share: f64,
@@ -52,14 +58,47 @@ struct Channel {
     rounding: Vec<f64>,
 }
 
-/// Runs the three tests and adds their findings to `report`.
+/// A noisy layer: what was measured, and what is known of its noise.
+pub(crate) struct Measurement<'a> {
+    /// The means, channel by channel.
+    pub means: Vec<&'a [f32]>,
+    /// Variances of the means, in the same order.
+    pub variances: Option<Vec<&'a [f32]>>,
+    /// Samples of a pixel.
+    pub spp: Option<f64>,
+    /// Pictures that the variances were measured between; none where each picture measured its own.
+    pub runs: Option<f64>,
+    /// Whether the file holds 16 bits for each number.
+    pub is_half: bool,
+}
+
+/// Samples of a pixel, as far as a picture says.
+pub(crate) fn spp_of(image: &Image) -> Option<f64> {
+    match image.attribute(SPP_ATTRIBUTE) {
+        Some(Attribute::Int(spp)) if *spp > 0 => Some(f64::from(*spp)),
+        _ => None,
+    }
+}
+
+/// Pictures that a reference is the mean of, as far as it says.
+pub(crate) fn runs_of(image: &Image) -> Option<f64> {
+    match image.attribute(RUNS_ATTRIBUTE) {
+        Some(Attribute::Int(runs)) if *runs > 1 => Some(f64::from(*runs)),
+        _ => None,
+    }
+}
+
+/// Number of tests that share `alpha`.
+const TEST_COUNT: usize = 3;
+
+/// Runs the three tests and adds their findings to `report`; `image` says where pixels are.
 ///
 /// # Errors
-/// When a picture has no colour, nothing says how noisy they are, or a level is out of range.
+/// When nothing says how noisy the layers are, or a level is out of range.
 pub(crate) fn test(
     image: &Image,
-    reference: &Image,
-    variance: Option<&Image>,
+    ours: &Measurement,
+    theirs: &Measurement,
     settings: StatisticalSettings,
     report: &mut Report,
 ) -> Result<(), CompareError> {
@@ -68,30 +107,43 @@ pub(crate) fn test(
             return Err(CompareError::Setting { name, allowed: "between 0 and 1", value });
         }
     }
-    let ours = image.rgb("").ok_or(CompareError::NoColour("the picture"))?;
-    let theirs = reference.rgb("").ok_or(CompareError::NoColour("the reference"))?;
-    let noise = Noise::of(image, reference, variance)?;
+    let noise = Noise { ours, theirs };
+    if ours.variances.is_none() && theirs.variances.is_none() {
+        return Err(CompareError::NoVariance);
+    }
     report.map = vec![0.0; image.pixel_count()];
-    check_finite(image, [ours, theirs], report);
+    check_finite(image, &ours.means, &theirs.means, report);
     if !report.passed() {
         return Ok(());
     }
-    let [relative, absolute] = [0, 1].map(|i| rounding_of(image)[i].max(rounding_of(reference)[i]));
+    let [relative, absolute] = [0, 1].map(|i| rounding_of(ours)[i].max(rounding_of(theirs)[i]));
     let rounding = |a: f32, b: f32| (f64::from(a.abs().max(b.abs())) * relative).max(absolute);
-    let channels: Vec<Channel> = (0..3)
-        .map(|c| Channel {
-            difference: ours[c].iter().zip(theirs[c]).map(|(&a, &b)| f64::from(a) - f64::from(b)).collect(),
-            variance: noise.of_difference(c),
-            rounding: ours[c].iter().zip(theirs[c]).map(|(&a, &b)| rounding(a, b)).collect(),
+    let channels: Vec<Channel> = (0..ours.means.len())
+        .map(|c| {
+            let pairs = || ours.means[c].iter().zip(theirs.means[c]);
+            let mut channel = Channel {
+                difference: pairs().map(|(&a, &b)| f64::from(a) - f64::from(b)).collect(),
+                variance: noise.of_difference(c),
+                rounding: pairs().map(|(&a, &b)| rounding(a, b)).collect(),
+            };
+            // What is the same and no number in both has neither difference nor noise.
+            for (i, _) in pairs().enumerate().filter(|(_, (a, b))| !a.is_finite() && !b.is_finite()) {
+                (channel.difference[i], channel.variance[i], channel.rounding[i]) = (0.0, 0.0, 0.0);
+            }
+            channel
         })
         .collect();
     check_variances(image, &channels, report);
     if !report.passed() {
         return Ok(());
     }
-    test_pixels(&channels, noise.degrees(), settings, report);
-    test_blocks(image, &channels, settings, report);
-    test_whole(&channels, settings, report);
+    let level = sidak(settings.alpha, TEST_COUNT);
+    test_pixels(&channels, noise.degrees(), level, settings.pixel_share, report);
+    let units: Vec<Vec<f64>> = channels.iter().map(units).collect();
+    // Channels of grey light are the same three times, and must not be paid for three times.
+    let count = effective_count(&units);
+    test_blocks(image, &channels, count, level, report);
+    test_whole(&channels, &units, sidak_effective(level, count), report);
     Ok(())
 }
 
@@ -111,77 +163,52 @@ fn check_variances(image: &Image, channels: &[Channel], report: &mut Report) {
     report.find("finite", false, text);
 }
 
-/// Largest error that storing a colour makes: relative, and absolute near zero.
-fn rounding_of(image: &Image) -> [f64; 2] {
-    let half = image.channels.iter().any(|c| matches!(c.name.as_str(), "R" | "G" | "B") && c.kind == SampleKind::Half);
-    if half { [2f64.powi(-11), 2f64.powi(-25)] } else { [2f64.powi(-23), 0.0] }
+/// Largest error that storing a number makes: relative, and absolute near zero.
+fn rounding_of(layer: &Measurement) -> [f64; 2] {
+    if layer.is_half { [2f64.powi(-11), 2f64.powi(-25)] } else { [2f64.powi(-23), 0.0] }
 }
 
 /// What is known of the variance of the means in both pictures.
-struct Noise<'a> {
-    image: Option<[&'a [f32]; 3]>,
-    reference: Option<[&'a [f32]; 3]>,
-    image_spp: Option<f64>,
-    reference_spp: Option<f64>,
+struct Noise<'m, 'a> {
+    ours: &'m Measurement<'a>,
+    theirs: &'m Measurement<'a>,
 }
 
-impl<'a> Noise<'a> {
-    fn of(image: &'a Image, reference: &'a Image, variance: Option<&'a Image>) -> Result<Self, CompareError> {
-        let separate = variance.map(|v| separate_variance(image, v)).transpose()?;
-        let spp = |i: &Image| match i.attribute(SPP_ATTRIBUTE) {
-            Some(Attribute::Int(spp)) if *spp > 0 => Some(f64::from(*spp)),
-            _ => None,
-        };
-        let noise = Self {
-            image: image.rgb("variance"),
-            reference: separate.or_else(|| reference.rgb("variance")),
-            image_spp: spp(image),
-            reference_spp: spp(reference).or_else(|| variance.and_then(spp)),
-        };
-        if noise.image.is_none() && noise.reference.is_none() { Err(CompareError::NoVariance) } else { Ok(noise) }
-    }
-
+impl Noise<'_, '_> {
     /// Degrees of freedom of the variance of a difference; infinite when unknown.
     fn degrees(&self) -> f64 {
-        let known = |variance: Option<_>, spp: Option<f64>| match (variance, spp) {
-            (Some(_), Some(spp)) => Some((spp - 1.0).max(1.0)),
+        let known = |layer: &Measurement| match (&layer.variances, layer.runs.or(layer.spp)) {
+            (Some(_), Some(count)) => Some((count - 1.0).max(1.0)),
             _ => None,
         };
-        match (known(self.image, self.image_spp), known(self.reference, self.reference_spp)) {
+        match (known(self.ours), known(self.theirs)) {
             (Some(a), Some(b)) => a + b,
-            (Some(a), None) if self.reference.is_none() => a,
-            (None, Some(b)) if self.image.is_none() => b,
+            (Some(a), None) if self.theirs.variances.is_none() => a,
+            (None, Some(b)) if self.ours.variances.is_none() => b,
             _ => f64::INFINITY,
         }
     }
 
     /// Variance of the difference in each pixel of channel `c`.
     fn of_difference(&self, c: usize) -> Vec<f64> {
-        let values = |variance: [&'a [f32]; 3]| variance[c].iter().map(|&v| f64::from(v));
-        match (self.image, self.reference, self.image_spp, self.reference_spp) {
+        fn values<'v>(variance: &[&'v [f32]], c: usize) -> impl Iterator<Item = f64> + use<'v> {
+            variance[c].iter().map(|&v| f64::from(v))
+        }
+        match (&self.ours.variances, &self.theirs.variances, self.ours.spp, self.theirs.spp) {
             (Some(a), Some(b), Some(n), Some(m)) => {
                 let pooled = |a: f64, b: f64| {
                     let degrees = [(n - 1.0).max(0.0), (m - 1.0).max(0.0)];
                     let sum = (degrees[0] + degrees[1]).max(1.0);
                     (a * n * degrees[0] + b * m * degrees[1]) / sum * (1.0 / n + 1.0 / m)
                 };
-                values(a).zip(values(b)).map(|(a, b)| pooled(a, b)).collect()
+                values(a, c).zip(values(b, c)).map(|(a, b)| pooled(a, b)).collect()
             }
-            (Some(a), Some(b), ..) => values(a).zip(values(b)).map(|(a, b)| a + b).collect(),
-            (Some(a), None, n, m) => scaled(values(a), n, m),
-            (None, Some(b), n, m) => scaled(values(b), m, n),
+            (Some(a), Some(b), ..) => values(a, c).zip(values(b, c)).map(|(a, b)| a + b).collect(),
+            (Some(a), None, n, m) => scaled(values(a, c), n, m),
+            (None, Some(b), n, m) => scaled(values(b, c), m, n),
             (None, None, ..) => Vec::new(),
         }
     }
-}
-
-/// The channels of a file of variances, which must cover the very pixels of the pictures.
-fn separate_variance<'a>(image: &Image, variance: &'a Image) -> Result<[&'a [f32]; 3], CompareError> {
-    let window = |i: &Image| (i.data_origin, i.data_size);
-    if window(variance) != window(image) {
-        return Err(CompareError::VarianceSize { found: variance.data_size, expected: image.data_size });
-    }
-    variance.rgb("variance").or_else(|| variance.rgb("")).ok_or(CompareError::NoColour("the variance file"))
 }
 
 /// Variance of the difference when only one picture, with `known` samples, says how noisy it is. Without counts the
@@ -194,9 +221,9 @@ fn scaled(values: impl Iterator<Item = f64>, known: Option<f64>, other: Option<f
     values.map(|v| v * factor).collect()
 }
 
-fn test_pixels(channels: &[Channel], degrees: f64, settings: StatisticalSettings, report: &mut Report) {
+fn test_pixels(channels: &[Channel], degrees: f64, level: f64, pixel_share: f64, report: &mut Report) {
     let count = report.map.len();
-    let limit = critical_value(sidak(settings.alpha, count * channels.len()), degrees);
+    let limit = critical_value(sidak(level, count * channels.len()), degrees);
     let mut failed = 0usize;
     let mut worst = 0.0f64;
     for i in 0..count {
@@ -213,9 +240,9 @@ fn test_pixels(channels: &[Channel], degrees: f64, settings: StatisticalSettings
     let text = format!(
         "{:.3} % of {count} agree, at least {:.2} % must (within {limit:.2} standard deviations; worst {worst:.2})",
         share * 100.0,
-        settings.pixel_share * 100.0
+        pixel_share * 100.0
     );
-    report.find("pixels", share >= settings.pixel_share, text);
+    report.find("pixels", share >= pixel_share, text);
 }
 
 /// Two-sided critical value of Student's t, or of the normal distribution for infinite degrees of freedom.
@@ -240,44 +267,61 @@ fn ratio(x: f64, y: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x / y }
 }
 
-fn test_blocks(image: &Image, channels: &[Channel], settings: StatisticalSettings, report: &mut Report) {
+fn test_blocks(image: &Image, channels: &[Channel], channel_count: f64, level: f64, report: &mut Report) {
     let [width, height] = image.data_size.map(|n| n as usize);
     let (columns, rows) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
-    let p = sidak(settings.alpha, columns * rows * channels.len());
+    let p = sidak_effective(level, (columns * rows) as f64 * channel_count);
     let mut failed = 0usize;
-    let mut worst = (0.0f64, [0, 0]);
+    let mut worst = (1.0f64, 0.0f64, [0, 0]);
     for block in 0..columns * rows {
         let (x0, y0) = (block % columns * BLOCK, block / columns * BLOCK);
         let pixels = || {
             let xs = x0..(x0 + BLOCK).min(width);
             (y0..(y0 + BLOCK).min(height)).flat_map(move |y| xs.clone().map(move |x| y * width + x))
         };
-        let score = channels.iter().map(|c| block_score(c, pixels())).fold(0.0, f64::max);
-        failed += usize::from(z_test(score) < p);
-        if score > worst.0 {
-            worst = (score, image.position(y0 * width + x0));
+        let scores = channels.iter().map(|c| block_score(c, pixels()));
+        let (score, probability) =
+            scores.fold((0.0, 1.0), |a, b| if b.1 < a.1 || b.0 > a.0 && b.1 == a.1 { b } else { a });
+        failed += usize::from(probability < p);
+        if probability < worst.0 || probability == worst.0 && score > worst.1 {
+            worst = (probability, score, image.position(y0 * width + x0));
         }
     }
     let text = format!(
-        "{failed} of {} blocks of {BLOCK} × {BLOCK} pixels differ; worst by {:.2} standard deviations at ({}, {}); \
-         variances are upper bounds where samples are stratified",
+        "{failed} of {} blocks of {BLOCK} × {BLOCK} pixels differ; worst by {:.2} standard deviations at ({}, {})",
         columns * rows,
-        worst.0,
-        worst.1[0],
-        worst.1[1]
+        worst.1,
+        worst.2[0],
+        worst.2[1]
     );
     report.find("blocks", failed == 0, text);
 }
 
-/// Standard deviations by which the mean difference of the pixels is off, beyond rounding.
-fn block_score(channel: &Channel, pixels: impl Iterator<Item = usize>) -> f64 {
-    let (mut difference, mut variance, mut rounding) = (0.0, 0.0, 0.0);
+/// Fewest pixels with noise from whose differences the noise of their mean is taken.
+const SPREAD_COUNT_MIN: f64 = 30.0;
+
+/// Standard deviations by which the mean difference of the pixels is off, beyond rounding, and how probable that much is.
+///
+/// The spread of the differences within the block is a measure of noise as well, and a smaller one where stratified samples make
+/// pixels quieter than their variance says. It is used where it is less, and where enough pixels have noise.
+fn block_score(channel: &Channel, pixels: impl Iterator<Item = usize>) -> (f64, f64) {
+    let (mut differences, mut variance, mut squares, mut rounding) = (Moments::default(), 0.0, 0.0, 0.0);
     for i in pixels {
-        difference += channel.difference[i];
+        differences.push(channel.difference[i]);
         variance += channel.variance[i];
+        squares += channel.variance[i] * channel.variance[i];
         rounding += systematic_rounding(channel, i);
     }
-    ratio((difference.abs() - rounding).max(0.0), variance.sqrt())
+    let count = differences.count() as f64;
+    let excess = (differences.mean().abs() * count - rounding).max(0.0);
+    let noisy = variance * variance / squares.max(f64::MIN_POSITIVE);
+    let spread = differences.variance() * count;
+    if noisy >= SPREAD_COUNT_MIN && spread < variance {
+        let score = ratio(excess, spread.sqrt());
+        return (score, 2.0 * student_t_cdf(-score, noisy - 1.0));
+    }
+    let score = ratio(excess, variance.sqrt());
+    (score, z_test(score))
 }
 
 /// Rounding averages out in a noisy pixel, but repeats itself where neighbouring pixels have no noise.
@@ -285,49 +329,60 @@ fn systematic_rounding(channel: &Channel, i: usize) -> f64 {
     if channel.variance[i].sqrt() < channel.rounding[i] { channel.rounding[i] } else { 0.0 }
 }
 
-fn test_whole(channels: &[Channel], settings: StatisticalSettings, report: &mut Report) {
-    let p = sidak(settings.alpha, channels.len());
+fn test_whole(channels: &[Channel], units: &[Vec<f64>], p: f64, report: &mut Report) {
     let mut worst = 0.0f64;
     let mut bias = 0.0;
-    for channel in channels {
-        let (score, mean) = whole_score(channel);
+    for (channel, units) in channels.iter().zip(units) {
+        let score = whole_score(channel, units);
         if score >= worst {
-            (worst, bias) = (score, mean);
+            worst = score;
+            bias = channel.difference.iter().sum::<f64>() / channel.difference.len().max(1) as f64;
         }
     }
     let text = format!("mean difference {bias:+.3e}, {worst:.2} standard deviations");
     report.find("image", z_test(worst) >= p, text);
 }
 
-/// Standard deviations by which the picture as a whole is off, and the mean difference.
-///
-/// Each pixel counts in units of the mean noise of its run of pixels, which hardly depends on the pixel's own luck. The
-/// spread of these units across the picture is itself a measure of noise, and a smaller one where stratified samples
-/// make pixels quieter than their variance says; so the smaller of the two is used.
-fn whole_score(channel: &Channel) -> (f64, f64) {
-    let (mut units, mut differences) = (Moments::default(), Moments::default());
-    let mut expected = 0.0;
-    let mut rounding = 0.0;
-    for start in (0..channel.difference.len()).step_by(BLOCK * BLOCK) {
-        let run = start..(start + BLOCK * BLOCK).min(channel.difference.len());
+/// Runs of pixels and the mean noise of each: a measure of a pixel's noise that hardly depends on its own luck.
+fn runs(channel: &Channel) -> impl Iterator<Item = (Range<usize>, f64)> {
+    let count = channel.difference.len();
+    (0..count).step_by(BLOCK * BLOCK).map(move |start| {
+        let run = start..(start + BLOCK * BLOCK).min(count);
         let noise = channel.variance[run.clone()].iter().sum::<f64>() / run.len() as f64;
+        (run, noise)
+    })
+}
+
+/// The differences in units of the noise of their run; 0 where there is no noise.
+fn units(channel: &Channel) -> Vec<f64> {
+    runs(channel)
+        .flat_map(|(run, noise)| {
+            run.map(move |i| ratio(if noise > 0.0 { channel.difference[i] } else { 0.0 }, noise.sqrt()))
+        })
+        .collect()
+}
+
+/// Standard deviations by which the picture as a whole is off.
+///
+/// The spread of the units across the picture is itself a measure of noise, and a smaller one where stratified samples make
+/// pixels quieter than their variance says; so the smaller of the two is used.
+fn whole_score(channel: &Channel, units: &[f64]) -> f64 {
+    let (mut noisy, mut expected, mut rounding) = (Moments::default(), 0.0, 0.0);
+    // Without noise there is nothing to measure in; the pixel test has looked at these.
+    for (run, noise) in runs(channel).filter(|(_, noise)| *noise > 0.0) {
         for i in run {
-            differences.push(channel.difference[i]);
-            // Without noise there is nothing to measure in; the pixel test has looked at these.
-            if noise > 0.0 {
-                units.push(channel.difference[i] / noise.sqrt());
-                expected += channel.variance[i] / noise;
-                rounding += systematic_rounding(channel, i) / noise.sqrt();
-            }
+            noisy.push(units[i]);
+            expected += channel.variance[i] / noise;
+            rounding += systematic_rounding(channel, i) / noise.sqrt();
         }
     }
-    let count = units.count() as f64;
+    let count = noisy.count() as f64;
     if count < 2.0 {
-        return (0.0, differences.mean());
+        return 0.0;
     }
-    let variance_of_mean = (expected / count / count).min(units.variance_of_mean());
-    let excess = (units.mean().abs() - rounding / count).max(0.0);
-    (ratio(excess, variance_of_mean.sqrt()), differences.mean())
+    let variance_of_mean = (expected / count / count).min(noisy.variance_of_mean());
+    let excess = (noisy.mean().abs() - rounding / count).max(0.0);
+    ratio(excess, variance_of_mean.sqrt())
 }
 
 #[cfg(test)]
@@ -335,6 +390,7 @@ mod tests {
     use super::*;
     use crate::math::hash::{CounterRng, Seed};
     use crate::output::compare::{Mode, compare};
+    use crate::output::image::SampleKind;
 
     const WIDTH: u32 = 64;
     const HEIGHT: u32 = 48;

@@ -37,11 +37,24 @@ pub fn write(path: &Path, report: &Report) -> Result<(), OutputError> {
     write_atomic(path, &bytes)
 }
 
-fn colours(map: &[f32]) -> Vec<u8> {
+/// The bytes of a .png of the map, and the number that is white.
+///
+/// # Errors
+/// When the report has no map.
+pub fn encode_png(report: &Report) -> Result<(Vec<u8>, f32), OutputError> {
+    Ok((png::encode_bytes(&colours(&report.map), report.map_size)?, white(&report.map)))
+}
+
+/// The 99.9th percentile, or 1 where that is 0.
+fn white(map: &[f32]) -> f32 {
     let mut sorted: Vec<f32> = map.iter().copied().filter(|x| x.is_finite()).collect();
     sorted.sort_unstable_by(f32::total_cmp);
     let top = sorted.len().saturating_sub(1) * 999 / 1000;
-    let scale = sorted.get(top).copied().filter(|&s| s > 0.0).unwrap_or(1.0);
+    sorted.get(top).copied().filter(|&s| s > 0.0).unwrap_or(1.0)
+}
+
+fn colours(map: &[f32]) -> Vec<u8> {
+    let scale = white(map);
     map.iter().flat_map(|&x| ramp(if x.is_finite() { (x / scale).clamp(0.0, 1.0) } else { 1.0 })).collect()
 }
 

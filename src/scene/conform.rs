@@ -48,7 +48,12 @@ pub struct Conformed {
 /// Compares a tree with a JSON Schema of the subset that schemars makes of plain structs, externally tagged enums,
 /// options, lists and maps.
 pub fn conform(tree: &Node, schema: &Json, collector: &mut Collector<'_>) -> Conformed {
-    let mut walk = Walk { root: schema, collector, mended: Vec::new(), unit: None };
+    conform_document(tree, schema, "begin with `version: 1`, `camera` and `lights`", collector)
+}
+
+/// As [`conform`], for another kind of file than scenes; `beginning` is the help where a file is empty.
+pub fn conform_document(tree: &Node, schema: &Json, beginning: &str, collector: &mut Collector<'_>) -> Conformed {
+    let mut walk = Walk { root: schema, collector, mended: Vec::new(), unit: None, beginning };
     let settings = walk.value(tree, schema, Place::START, "");
     Conformed { settings, mended: walk.mended }
 }
@@ -64,6 +69,8 @@ struct Walk<'s, 'c, 'a> {
     mended: Vec<String>,
     /// Of the key that is being looked at.
     unit: Option<&'s str>,
+    /// How such a file begins.
+    beginning: &'c str,
 }
 
 impl<'s> Walk<'s, '_, '_> {
@@ -195,7 +202,7 @@ impl<'s> Walk<'s, '_, '_> {
             Value::Map(entries) => entries,
             Value::Null if path.is_empty() => {
                 let message = "the file holds no settings".into();
-                let help = Some("begin with `version: 1`, `camera` and `lights`".into());
+                let help = Some(self.beginning.into());
                 return self.wrong(at, path, message, help, schema);
             }
             Value::Null => {

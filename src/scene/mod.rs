@@ -10,6 +10,7 @@ pub mod pattern;
 pub mod reference;
 pub mod schema;
 pub mod settings;
+pub mod suite;
 pub mod tree;
 pub mod unit;
 pub mod validate;
@@ -131,22 +132,7 @@ impl Scene {
     /// # Errors
     /// As `load`; problems in an override name it as `--set KEY`.
     pub fn load_with(path: &Path, overrides: &[(String, String)]) -> Result<Self, SceneError> {
-        let bytes = read(path)?;
-        match String::from_utf8(bytes) {
-            Ok(text) => Self::from_text_with(&text, path, overrides),
-            Err(error) => {
-                let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-                let valid = String::from_utf8_lossy(valid).into_owned();
-                let line = valid.split('\n').count();
-                let column = valid.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
-                let position = Position { line: line as u32, column: column as u32 };
-                let sources = [file_source(path, valid)];
-                let mut collector = Collector::new(&sources);
-                let place = Place { source_idx: 0, position, length: 1 };
-                collector.error(place, "", "this byte is not UTF-8").help("save the file as UTF-8 text");
-                Err(SceneError::Faulty(collector.finish()))
-            }
-        }
+        Self::from_text_with(&read_text(path)?, path, overrides)
     }
 
     /// Reads a scene from text; `path` names it in messages, and relative files start from its folder.
@@ -294,6 +280,22 @@ fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
         return Err(SceneError::Unreadable { path: path.into(), source });
     }
     Ok(bytes)
+}
+
+/// The text of a file, which must be UTF-8.
+fn read_text(path: &Path) -> Result<String, SceneError> {
+    String::from_utf8(read(path)?).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let valid = String::from_utf8_lossy(valid).into_owned();
+        let line = valid.split('\n').count();
+        let column = valid.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+        let position = Position { line: line as u32, column: column as u32 };
+        let sources = [file_source(path, valid)];
+        let mut collector = Collector::new(&sources);
+        let place = Place { source_idx: 0, position, length: 1 };
+        collector.error(place, "", "this byte is not UTF-8").help("save the file as UTF-8 text");
+        SceneError::Faulty(collector.finish())
+    })
 }
 
 fn parsed(text: &str, source_idx: usize, key: &str, collector: &mut Collector<'_>) -> Option<Node> {

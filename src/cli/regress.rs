@@ -1,0 +1,108 @@
+//! `curlsmoke regress`.
+
+use crate::cli::args::RegressArguments;
+use crate::cli::frames::start_threads;
+use crate::cli::progress::Reporter;
+use crate::cli::render::conclude;
+use crate::cli::signals::Signals;
+use crate::cli::{DIFFERENT, log, print_result, warn_about};
+use crate::error::Error;
+use crate::output::exr::{self, Compression};
+use crate::output::file::{check_writable, write_atomic};
+use crate::progress::Progress;
+use crate::regress::html::HtmlReport;
+use crate::regress::junit::JunitReport;
+use crate::regress::{self, CaseResult, RegressJob, reference, selected};
+use crate::scene::suite::Suite;
+use std::path::PathBuf;
+
+/// The page of a report.
+const PAGE: &str = "index.html";
+
+/// Runs a suite, or remakes its references; 0 when all cases pass, else [`DIFFERENT`].
+pub(super) fn run(arguments: &RegressArguments) -> Result<u8, Error> {
+    let suite =
+        warn_about(Suite::load(&arguments.suite), |suite| suite.warnings.iter().map(ToString::to_string).collect())?;
+    let job = RegressJob {
+        only: arguments.only.clone(),
+        run_commands: arguments.run_commands,
+        memory_limit: arguments.memory_limit.bytes(),
+    };
+    selected(&suite, &job)?;
+    start_threads(arguments.threads)?;
+    let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
+    let reporter = Reporter::new(arguments.progress, signals.clone());
+    if arguments.update {
+        let Some(reason) = &arguments.reason else {
+            let text =
+                "--update needs --reason \"why the pictures should change\", which references and their log keep";
+            return Err(Error::Usage(text.into()));
+        };
+        let result = reference::update(&suite, &job, reason, &reporter, &mut |path| {
+            reporter.suspend(|| print_result(&path.display().to_string()))
+        });
+        return conclude(result, &reporter, &signals);
+    }
+    let mut reports = Reports::new(arguments)?;
+    let mut failed = 0usize;
+    let result = regress::run(&suite, &job, &reporter, &mut |result| {
+        failed += usize::from(!result.passed());
+        result.warnings.iter().for_each(|warning| reporter.note(&format!("{}: warning: {warning}", result.name)));
+        reporter.suspend(|| print_result(&line(&result)))?;
+        reports.add(&result)
+    });
+    let code = conclude(result.and_then(|()| reports.write()), &reporter, &signals)?;
+    Ok(if code == 0 && failed > 0 { DIFFERENT } else { code })
+}
+
+/// What is said of a case on standard output.
+fn line(result: &CaseResult) -> String {
+    let verdict = if result.passed() { "pass" } else { "FAIL" };
+    let text = format!("{verdict}  {:<20} {:>6.2} s  {}", result.name, result.seconds, result.summary());
+    if result.passed() || result.should_fail {
+        return text;
+    }
+    format!("{text}\n      to accept it: {}", result.update_command)
+}
+
+/// The files that tell how it went.
+struct Reports {
+    page: Option<(PathBuf, HtmlReport)>,
+    junit: Option<(PathBuf, JunitReport)>,
+}
+
+impl Reports {
+    fn new(arguments: &RegressArguments) -> Result<Self, Error> {
+        let title = arguments.suite.display().to_string();
+        let page = arguments.report.as_ref().map(|folder| (folder.join(PAGE), HtmlReport::new(&title)));
+        let junit = arguments.junit.as_ref().map(|path| (path.clone(), JunitReport::new(&title)));
+        // Said before hours are spent.
+        let paths = page.iter().map(|(path, _)| path).chain(junit.iter().map(|(path, _)| path));
+        paths.into_iter().try_for_each(|path| check_writable(path))?;
+        Ok(Self { page, junit })
+    }
+
+    fn add(&mut self, result: &CaseResult) -> Result<(), Error> {
+        if let Some((_, report)) = &mut self.junit {
+            report.add(result);
+        }
+        let Some((path, report)) = &mut self.page else { return Ok(()) };
+        report.add(result)?;
+        if let (false, Ok(compared)) = (result.passed(), &result.outcome) {
+            let bytes = exr::write(&compared.image, Compression::Zip)?;
+            write_atomic(&path.with_file_name(format!("{}.exr", result.name)), &bytes)?;
+        }
+        Ok(())
+    }
+
+    fn write(self) -> Result<(), Error> {
+        if let Some((path, report)) = self.page {
+            write_atomic(&path, report.finish().as_bytes())?;
+            log(&format!("report: {}", path.display()));
+        }
+        if let Some((path, report)) = self.junit {
+            write_atomic(&path, report.finish().as_bytes())?;
+        }
+        Ok(())
+    }
+}
