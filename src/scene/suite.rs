@@ -536,7 +536,7 @@ mod tests {
             "s.yaml:5:14: error: the command does not say `{output}`",
             "s.yaml:6:10: error: `set` is for cases",
             "s.yaml:6:11: error: `nothing` sets nothing",
-            "s.yaml:7:29: error: the seed of the test, 1000003, is one of the reference's",
+            "s.yaml:7:28: error: the seed of the test, 1000003, is one of the reference's",
             "the colours R, G and B are `beauty`",
         ] {
             assert!(faults.contains(expected), "{expected}\n{faults}");
