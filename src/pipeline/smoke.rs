@@ -300,6 +300,7 @@ impl SmokeSums {
             bends: particles.bends.as_ref().map(|b| b.each_ref().map(|axes| axes.each_ref().map(Vec::as_slice))),
             mass: &particles.mass,
             radius: &particles.radius,
+            carried: &[],
             obstacles: walls.map(|walls| walls as &dyn ObstacleDistance),
         };
         self.density.add(&input).map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
