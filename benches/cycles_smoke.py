@@ -4,7 +4,7 @@ Run by a Python that can import bpy, numpy and OpenEXR, after `cargo build --rel
 
     PYTHON benches/cycles_smoke.py [--spp 1024] [--binary target/release/curlsmoke]
 
-The surroundings are those of the plume of `make peers`; the smoke is of particles. Fails where a block of 20 × 20 pixels differs by
+The surroundings are those of the plume of `make peers`; the smoke is of particles. Fails where a block of 40 × 40 pixels differs by
 more than 2 % and three standard errors.
 """
 
@@ -23,10 +23,10 @@ PEERS = ROOT / "benches/peer_renderers"
 sys.path.insert(0, str(PEERS))
 from scenes import SCENES, scene_of_ours  # noqa: E402
 
-BLOCK, SEEDS = 20, 4
+BLOCK, SEEDS = 40, 4
 SMOKE = {
     "emitters": [{
-        "disk": {"center": [0.0, 0.15, 0.0], "radius": 0.3}, "rate": 30000, "mass": 0.6, "start": -5,
+        "disk": {"center": [0.0, 0.15, 0.0], "radius": 0.3}, "rate": 30000, "mass": 0.3, "start": -5,
         "lifetime": 4.0, "fade_out": 2.0,
     }],
     "grid": {"voxel_size": 0.025, "kernel_radius": 0.06, "expansion": 0.03},
