@@ -1,7 +1,7 @@
 # The two commands of the README, and what maintainers use.
 CURLSMOKE = cargo run --release --quiet --bin curlsmoke --
 
-.PHONY: plume test test-farm test-page page-picture test-flip gallery flow-pictures paper-tables verification refs alarm-rate bench bench-instructions roofline scaling peers costs
+.PHONY: plume test test-interop test-farm test-page page-picture test-flip gallery flow-pictures paper-tables verification refs alarm-rate bench bench-instructions roofline scaling peers costs
 
 # Fetches what is missing while it builds, whenever a processor has nothing else to do.
 plume:
@@ -17,6 +17,10 @@ test-farm:
 	./bootstrap.sh
 	cargo build --release --bin curlsmoke
 	tests/farm/run.sh
+
+# Our .vdb files in OpenVDB's own tools, and in Blender where BLENDER_PYTHON is a Python that can import bpy; says what is not there.
+test-interop:
+	tests/interop/vdb.sh
 
 # The page of `curlsmoke watch` in a real browser.
 test-page page-picture:

@@ -1,5 +1,6 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
+mod bake;
 mod fingerprint;
 mod frame_files;
 mod heat;
@@ -12,15 +13,16 @@ mod smoke;
 pub mod turntable;
 mod volumes;
 
+pub use crate::pipeline::bake::{BakeJob, bake};
+
 use crate::error::Error;
 use crate::flow::Flow;
 use crate::geometry::moment::Shutter;
 use crate::geometry::{Geometry, GeometryError};
-use crate::grid::vdb;
 use crate::inspect::Inspection;
 use crate::output::frames::check_distinct;
 use crate::output::sidecar::Sidecar;
-use crate::output::{self, OutputError, file};
+use crate::output::{self, OutputError};
 use crate::particles::ParticleSystem;
 use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write_part, write_picture};
@@ -215,48 +217,6 @@ pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn
     let mut studio = Studio::build(scene, progress, &mut record)?;
     let spp = studio.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
     Ok(tiles::canvas(&view).film(spp, &ledger.tiles()))
-}
-
-/// What to bake.
-#[derive(Debug, Clone)]
-pub struct BakeJob<'a> {
-    /// Frames, in the order in which they are made.
-    pub frames: Vec<i32>,
-    /// Pattern of the files' names, instead of `output.volume`.
-    pub volume: Option<&'a str>,
-    /// Half precision: densities above 65504 are cut.
-    pub half: bool,
-}
-
-/// Writes the density of each frame as a .vdb file; `on_frame` gets the file of each and how it came about.
-///
-/// # Errors
-/// The first that any stage meets. Files finished before it stay.
-pub fn bake(
-    scene: &Scene,
-    job: &BakeJob,
-    progress: &dyn Progress,
-    on_frame: &mut dyn FnMut(&Path, &Sidecar),
-) -> Result<(), Error> {
-    let pattern = parse_pattern(job.volume.unwrap_or(&scene.settings.output.volume))?;
-    let file_of = |frame: i32| PathBuf::from(pattern.expand(frame, scene.name()));
-    check_distinct(&job.frames, file_of)?;
-    check_writable(job.frames.iter().map(|&frame| [file_of(frame)]))?;
-    let settings = vdb::VdbWriteSettings { is_half: job.half, ..Default::default() };
-    let geometry = build_geometry(scene, progress)?;
-    let mut smoke = SmokeSource::build(scene, &geometry)?;
-    for (index, &frame) in job.frames.iter().enumerate() {
-        progress.frame(frame, index, job.frames.len());
-        let mut record = Sidecar { frame, ..Sidecar::default() };
-        let grid = smoke.grid(scene, frame, None, progress, &mut record)?.ok_or(Error::NothingToBake)?.density;
-        let path = file_of(frame);
-        timed(progress, Stage::Write, &mut record, 0, || {
-            let bytes = vdb::write_float_grids(&[("density", &grid)], settings);
-            file::write_atomic(&path, &bytes)
-        })?;
-        on_frame(&path, &record);
-    }
-    Ok(())
 }
 
 /// Share of light lost with paths that are cut above which people are told.

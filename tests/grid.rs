@@ -208,6 +208,7 @@ impl Cloud {
             bends: None,
             mass: &self.mass,
             radius: &self.radius,
+            carried: &[],
             obstacles: None,
         }
     }
@@ -220,6 +221,7 @@ impl Cloud {
             bends: None,
             mass: &self.mass[range.clone()],
             radius: &self.radius[range],
+            carried: &[],
             obstacles: None,
         }
     }
@@ -302,6 +304,7 @@ fn one_particle_keeps_its_place_and_its_streak_is_even() {
         bends: None,
         mass: &[2.0],
         radius: &[0.04],
+        carried: &[],
         obstacles: None,
     };
     let center_of = |grid: &DensityGrid| -> Vec3 {

@@ -178,6 +178,7 @@ fn splatted(particles: &Particles, shutter: [f64; 2]) -> DensityGrid {
         bends: particles.bends.as_ref().map(|b| b.each_ref().map(|axes| axes.each_ref().map(Vec::as_slice))),
         mass: &particles.mass,
         radius: &particles.radius,
+        carried: &[],
         obstacles: None,
     };
     let settings =

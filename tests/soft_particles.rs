@@ -77,6 +77,7 @@ impl Cloud {
             bends: None,
             mass: &self.mass,
             radius: &self.radius,
+            carried: &[],
             obstacles,
         };
         let settings = SplatSettings {
@@ -130,7 +131,7 @@ fn mass_adds_up_and_no_voxel_inside_has_any() {
     for (speed, soft_radius) in [(0.0, None), (8.0, None), (8.0, Some(0.01)), (0.0, Some(0.15))] {
         // A few particles are inside, and lost.
         let cloud = Cloud::new(6_000, 0.5, 0.04, speed, |p| ball.distance(p) > 0.0 || p.x < -0.1);
-        let Splat { grid, mass } = cloud.splat(Some(&ball), soft_radius);
+        let Splat { grid, mass, .. } = cloud.splat(Some(&ball), soft_radius);
         assert!((mass.particles / cloud.total_mass() - 1.0).abs() < 1e-12);
         assert!(((mass.grid + mass.lost) / mass.particles - 1.0).abs() < 1e-6, "{mass:?}");
         assert!((mass.grid / grid.mass() - 1.0).abs() < 1e-12);

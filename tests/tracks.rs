@@ -236,7 +236,7 @@ fn mass_outside(soft: &str) -> (f64, f64) {
     }
     let folder = tempfile::tempdir().unwrap();
     let volume = folder.path().join("ring.vdb");
-    let job = BakeJob { frames: vec![40], volume: volume.to_str(), half: false };
+    let job = BakeJob { frames: vec![40], volume: volume.to_str(), ..BakeJob::default() };
     pipeline::bake(&scene, &job, &Silent, &mut |_, _| {}).unwrap();
     let grid = vdb::read_float_grid(&volume, "density", 1 << 30).unwrap();
     let (flow, mut rng) = (flow(&scene), CounterRng::new(Seed(8)));

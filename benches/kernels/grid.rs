@@ -121,6 +121,7 @@ pub fn splatting(radius: f32, shutter: f64, is_soft: bool) -> Workload {
             bends: None,
             mass: &mass,
             radius: &radius,
+            carried: &[],
             obstacles: is_soft.then_some(&Balls as &dyn ObstacleDistance),
         };
         black_box(splat(&input, &settings).expect("within the limit"));

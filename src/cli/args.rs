@@ -5,6 +5,7 @@ use crate::cli::progress::Style;
 use crate::cli::values::{self, Crop, Display, Memory, Override, PixelPlace, Resolution, Samples};
 use crate::inspect::slice_picture::Quantity;
 use crate::output::view::View;
+use crate::scene::settings::{VelocityUnits, VolumeGrid};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -270,9 +271,58 @@ pub struct BakeArguments {
     /// File names, with #### for the frame, instead of output.volume
     #[arg(short, long, value_name = "PATTERN")]
     pub output: Option<String>,
-    /// Half precision: half the size, densities above 65504 are cut
+    /// Half precision: half the size, what is beyond ±65504 is cut
     #[arg(long)]
     pub half: bool,
+    /// Grids beside the density, several with commas, instead of output.volume_grids; with velocity the density is that of one
+    /// instant
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "GRIDS")]
+    pub grids: Option<Vec<GridName>>,
+    /// Unit of the velocities: metres a second or a frame [default: output.velocity_units]
+    #[arg(long, value_enum, value_name = "UNIT")]
+    pub velocity_units: Option<UnitName>,
+    /// Write the particles too, as PLY: place, velocity, age, lifetime, mass, radius; #### is the frame
+    #[arg(long, value_name = "PATTERN")]
+    pub particles: Option<String>,
+    /// Write the obstacles too, as a level set [m] on the voxels of the density; with #### of each frame, else of the first
+    #[arg(long, value_name = "PATTERN")]
+    pub obstacles: Option<String>,
+}
+
+/// A grid beside the density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GridName {
+    /// Velocities, named v
+    Velocity,
+    /// Temperatures [K], named temperature, of smoke with smoke.blackbody
+    Temperature,
+}
+
+impl From<GridName> for VolumeGrid {
+    fn from(name: GridName) -> Self {
+        match name {
+            GridName::Velocity => Self::Velocity,
+            GridName::Temperature => Self::Temperature,
+        }
+    }
+}
+
+/// Unit of velocities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UnitName {
+    /// Metres a second
+    Second,
+    /// Metres a frame
+    Frame,
+}
+
+impl From<UnitName> for VelocityUnits {
+    fn from(name: UnitName) -> Self {
+        match name {
+            UnitName::Second => Self::Second,
+            UnitName::Frame => Self::Frame,
+        }
+    }
 }
 
 /// Flags of everything that looks at one frame.

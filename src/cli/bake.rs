@@ -17,7 +17,15 @@ pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());
     let mut printed = Ok(());
-    let job = BakeJob { frames, volume: arguments.output.as_deref(), half: arguments.half };
+    let job = BakeJob {
+        frames,
+        volume: arguments.output.as_deref(),
+        half: arguments.half,
+        grids: arguments.grids.as_ref().map(|names| names.iter().copied().map(Into::into).collect()),
+        velocity_units: arguments.velocity_units.map(Into::into),
+        particles: arguments.particles.as_deref(),
+        obstacles: arguments.obstacles.as_deref(),
+    };
     let result = pipeline::bake(&scene, &job, &reporter, &mut |path, record| {
         let mut line = format!("{}  {} voxels", path.display(), count(record.grid.active_voxels as f64));
         // A bake has no sidecar to say it.

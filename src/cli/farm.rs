@@ -57,7 +57,12 @@ impl Job {
         if arguments.bake {
             let volume = absolute(&output.volume)?;
             render.extend(set("smoke", &baked_smoke(&scene, &volume)?));
-            bake = Some(own.chain(["--output".to_string(), volume]).collect());
+            let mut words: Vec<String> = own.chain(["--output".to_string(), volume]).collect();
+            if !scene.settings.output.volume_grids.is_empty() {
+                // Beside velocities the density would be that of an instant, and pictures of it sharp.
+                words.extend(set("output.volume_grids", "[]"));
+            }
+            bake = Some(words);
         }
         let scene_file = absolute(&arguments.scene.to_string_lossy())?;
         let (name, chunk) = (scene.name().to_string(), arguments.chunk as usize);
@@ -79,7 +84,8 @@ fn baked_smoke(scene: &Scene, volume: &str) -> Result<String, Error> {
         None => return Err(Error::NothingToBake),
     };
     if smoke.blackbody.is_some() {
-        let problem = "--bake: baked files hold density alone, and smoke.blackbody needs temperatures; leave it out";
+        let problem = "--bake: the light of hot smoke is made of its particles, and of baked temperatures its colour would differ; \
+                       leave it out";
         return Err(Error::Usage(problem.into()));
     }
     let internal = |e: serde_json::Error| Error::Internal(e.to_string());

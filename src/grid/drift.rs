@@ -3,11 +3,15 @@
 //! What is at `x` at time `t` of the shutter was at the frame at `x − v(x)·t`, as far as the velocity there is the one that
 //! brought it: exact of even motion, off by `t²` times how the velocity changes along its way elsewhere. The density of the frame
 //! becomes the mean over the shutter, taken at midpoints at most half a voxel of the way apart, on the same voxels.
+//!
+//! Many programs store velocities only where smoke is, and smoke drifts beyond. Where neither is stored, the velocity is the mean of
+//! the smoke nearby, weighted by mass, in cubes that grow until they hold some.
 
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, local_voxel, needed_bytes};
 use crate::math::parallel;
 use crate::math::space::WorldPoint;
 use glam::{DVec3, IVec3, Vec3};
+use std::collections::BTreeMap;
 
 /// Most midpoints of a voxel; longer ways than 256 voxels become dotted.
 const SAMPLES_MAX: u32 = 512;
@@ -59,23 +63,31 @@ pub fn blurred(
     }
     let occupied: Vec<IVec3> = density.occupied_bricks().map(|(coord, _)| coord).collect();
     let coords = dilated(&occupied, reach, memory_limit_bytes)?;
+    let nearby = Nearby::new(density, velocity, reach);
     let mut values: Vec<BrickValues> = vec![[0.0; BRICK_VOXELS]; coords.len()];
     parallel::for_each_mut(&mut values, |n, brick| {
         for (i, value) in brick.iter_mut().enumerate() {
             let voxel = coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
-            *value = mean(density, velocity, shutter, voxel);
+            *value = mean(density, velocity, &nearby, shutter, voxel);
         }
     });
     DensityGrid::from_bricks(density.origin(), h, &coords, &values, memory_limit_bytes)
 }
 
 /// The mean of one voxel.
-fn mean(density: &DensityGrid, velocity: &VelocityGrid, shutter: [f64; 2], voxel: IVec3) -> f32 {
+fn mean(density: &DensityGrid, velocity: &VelocityGrid, nearby: &Nearby, shutter: [f64; 2], voxel: IVec3) -> f32 {
     let h = density.voxel_size();
-    let center = (density.origin() + (voxel.as_dvec3() + 0.5) * f64::from(h)).as_vec3();
-    let v = velocity.at(WorldPoint(center));
+    let center = center_of(density, voxel);
+    let mut v = velocity.at(WorldPoint(center));
     if v == Vec3::ZERO {
-        return density.voxel(voxel);
+        let own = density.voxel(voxel);
+        if own > 0.0 {
+            return own;
+        }
+        v = nearby.velocity(voxel);
+        if v == Vec3::ZERO {
+            return 0.0;
+        }
     }
     let [open, close] = shutter.map(|time| time as f32);
     let way = v.length() * (close - open) / h;
@@ -89,6 +101,66 @@ fn mean(density: &DensityGrid, velocity: &VelocityGrid, shutter: [f64; 2], voxel
     (sum / f64::from(count)) as f32
 }
 
+fn center_of(density: &DensityGrid, voxel: IVec3) -> Vec3 {
+    (density.origin() + (voxel.as_dvec3() + 0.5) * f64::from(density.voxel_size())).as_vec3()
+}
+
+/// Memory of what is nearby for each brick of the density [bytes].
+const NEARBY_BYTES: u64 = 6 << 10;
+
+/// Mass and momentum of the smoke in cubes of 2, 4, 8 … voxels, where there is some.
+struct Nearby(Vec<BTreeMap<[i32; 3], [f64; 4]>>);
+
+impl Nearby {
+    /// In cubes up to `reach` voxels.
+    fn new(density: &DensityGrid, velocity: &VelocityGrid, reach: f32) -> Self {
+        let bricks: Vec<_> = density.occupied_bricks().collect();
+        let smallest = parallel::gather(bricks.len(), |n, cubes: &mut Vec<([i32; 3], [f64; 4])>| {
+            let (brick, values) = &bricks[n];
+            let mut of_brick = BTreeMap::<_, [f64; 4]>::new();
+            for (i, &mass) in values.iter().enumerate().filter(|&(_, &mass)| mass > 0.0) {
+                let voxel = *brick * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
+                let v = velocity.at(WorldPoint(center_of(density, voxel))).as_dvec3() * f64::from(mass);
+                let cube: IVec3 = voxel >> 1;
+                let cube = of_brick.entry(cube.to_array()).or_default();
+                [f64::from(mass), v.x, v.y, v.z].iter().zip(cube).for_each(|(value, sum)| *sum += value);
+            }
+            cubes.extend(of_brick);
+        });
+        let mut levels = vec![BTreeMap::from_iter(smallest)];
+        for _ in 1..=reach.log2().ceil().clamp(0.0, 22.0) as u32 {
+            let mut larger = BTreeMap::<_, [f64; 4]>::new();
+            for (cube, values) in levels.last().into_iter().flatten() {
+                let sums = larger.entry(cube.map(|x| x >> 1)).or_default();
+                values.iter().zip(sums).for_each(|(value, sum)| *sum += value);
+            }
+            levels.push(larger);
+        }
+        Self(levels)
+    }
+
+    /// The velocity about a voxel without smoke; 0 where none is nearby.
+    fn velocity(&self, voxel: IVec3) -> Vec3 {
+        for (level, cubes) in self.0.iter().enumerate() {
+            let edge = f64::from(2u32 << level);
+            let place = (voxel.as_dvec3() + 0.5) / edge - 0.5;
+            let (low, share) = (place.floor(), place - place.floor());
+            let mut sums = [0.0; 4];
+            for corner in 0..8 {
+                let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+                let Some(values) = cubes.get(&(low.as_ivec3() + step).to_array()) else { continue };
+                let weight = DVec3::select(step.cmpeq(IVec3::ONE), share, 1.0 - share).element_product();
+                values.iter().zip(&mut sums).for_each(|(value, sum)| *sum += weight * value);
+            }
+            let [mass, x, y, z] = sums;
+            if mass > 0.0 {
+                return (DVec3::new(x, y, z) / mass).as_vec3();
+            }
+        }
+        Vec3::ZERO
+    }
+}
+
 /// All bricks within `reach` voxels of some.
 fn dilated(bricks: &[IVec3], reach: f32, memory_limit_bytes: u64) -> Result<Vec<IVec3>, GridError> {
     // A voxel more, for what is interpolated.
@@ -100,7 +172,9 @@ fn dilated(bricks: &[IVec3], reach: f32, memory_limit_bytes: u64) -> Result<Vec<
     let high = bricks.iter().copied().reduce(IVec3::max).unwrap_or_default();
     let dims = (high - low).as_dvec3() + edge + 1.0;
     let dims = dims.min(DVec3::splat(4e9)).as_u64vec3();
-    let needed_bytes = needed_bytes(dims, 0).saturating_add(brick_count.saturating_mul(8));
+    let needed_bytes = needed_bytes(dims, 0)
+        .saturating_add(brick_count.saturating_mul(8))
+        .saturating_add(bricks.len() as u64 * NEARBY_BYTES);
     if needed_bytes > memory_limit_bytes {
         let voxels = dims.saturating_mul(glam::U64Vec3::splat(BRICK_EDGE as u64));
         return Err(GridError::OverMemory { voxels, brick_count, needed_bytes, limit_bytes: memory_limit_bytes });

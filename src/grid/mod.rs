@@ -10,8 +10,10 @@
 
 pub mod drift;
 pub mod kernel;
+pub mod level_set;
 pub mod lookup;
 pub mod majorant;
+pub mod means;
 mod rough;
 pub mod soft;
 pub mod splat;

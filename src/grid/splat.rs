@@ -9,6 +9,7 @@
 //! and the second divides by it.
 
 use crate::grid::kernel::{Kernel, touches};
+use crate::grid::means::MeanGrid;
 use crate::grid::soft::{BrickDistances, SHARE_MIN, Sight, SplatMass, gain};
 use crate::grid::walls::{BrickPairs, SeenPieces, Walls};
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, check_memory};
@@ -34,6 +35,8 @@ const BATCH_TOUCHES_SOFT: u64 = 1 << 20;
 const TOUCH_BYTES: u64 = 2 * size_of::<u64>() as u64;
 /// The same of one near obstacles: what is seen, and shares as they are found and as they are collected.
 const TOUCH_BYTES_SOFT: u64 = TOUCH_BYTES + 64 + 48;
+/// Memory of a quantity that is carried in a brick: its sums, its means, and both as they are written to a file [bytes].
+const CARRIED_BYTES: usize = BRICK_VOXELS * (8 + 4 + 4 + 4);
 
 /// How to splat.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,6 +59,8 @@ pub struct Splat {
     pub grid: DensityGrid,
     /// Where the mass went.
     pub mass: SplatMass,
+    /// The means of what particles carry, in the order of [`SplatInput::carried`].
+    pub means: MeanGrid,
 }
 
 /// Splats particles onto the voxels whose low corner (0, 0, 0) is the world's origin. A particle is smeared evenly along
@@ -81,6 +86,8 @@ pub struct SplatSum {
     /// Of all bricks.
     extent: Option<Extent>,
     particle_count: usize,
+    /// How many quantities they carry; known from the first that are added on.
+    quantity_count: Option<usize>,
     mass: SplatMass,
 }
 
@@ -89,6 +96,8 @@ pub struct SplatSum {
 struct BrickSum {
     /// Single precision would lose mass where a million particles meet in one voxel.
     values: [f64; BRICK_VOXELS],
+    /// Density times what is carried, quantity by quantity.
+    carried: Vec<[f64; BRICK_VOXELS]>,
     /// Where a particle near a wall has reached the brick.
     distances: Option<Box<BrickDistances>>,
 }
@@ -103,7 +112,14 @@ impl SplatSum {
         if !(h.is_finite() && h > 0.0) {
             return Err(GridError::VoxelSize(h));
         }
-        Ok(Self { settings, bricks: BTreeMap::new(), extent: None, particle_count: 0, mass: SplatMass::default() })
+        Ok(Self {
+            settings,
+            bricks: BTreeMap::new(),
+            extent: None,
+            particle_count: 0,
+            quantity_count: None,
+            mass: SplatMass::default(),
+        })
     }
 
     /// Adds particles after those that were added before.
@@ -114,6 +130,10 @@ impl SplatSum {
     pub fn add(&mut self, input: &SplatInput) -> Result<(), GridError> {
         let (h, settings) = (f64::from(self.settings.voxel_size), self.settings);
         let streaks = Streaks::try_new(input, h, settings.shutter_seconds, self.particle_count)?;
+        let quantity_count = *self.quantity_count.get_or_insert(streaks.quantity_count());
+        if quantity_count != streaks.quantity_count() {
+            return Err(GridError::Lengths(quantity_count, streaks.quantity_count()));
+        }
         let is_soft = settings.soft_radius.is_none_or(|r| r > 0.0);
         let sight = input.obstacles.filter(|_| is_soft).map(|o| Sight::new(o, h, settings.soft_radius));
         let most = if sight.is_some() { BATCH_TOUCHES_SOFT } else { BATCH_TOUCHES };
@@ -151,7 +171,9 @@ impl SplatSum {
         let new_count = pairs.iter().filter(|b| !self.bricks.contains_key(&brick_key(b.brick))).count();
         self.check_memory(all, self.bricks.len() + new_count, batch_bytes)?;
         self.extent = Some(all);
-        let take = |b: &BrickPairs| self.bricks.remove(&brick_key(b.brick)).unwrap_or_else(BrickSum::empty);
+        let take = |b: &BrickPairs| {
+            self.bricks.remove(&brick_key(b.brick)).unwrap_or_else(|| BrickSum::empty(streaks.quantity_count()))
+        };
         let mut sums: Vec<Box<BrickSum>> = pairs.iter().map(take).collect();
         let walls = sight.map(|sight| {
             let mut distances: Vec<&mut Option<Box<BrickDistances>>> =
@@ -159,10 +181,10 @@ impl SplatSum {
             Walls::measure(streaks, sight, range.clone(), &pairs, &mut distances)
         });
         parallel::for_each_mut(&mut sums, |n, sum| {
-            let BrickSum { values, distances } = &mut **sum;
+            let BrickSum { values, carried, distances } = &mut **sum;
             let walls = walls.as_ref().zip(distances.as_deref());
             let seen = walls.map(|(walls, distances)| walls.of_brick(n, distances));
-            run_kernel(AddBrick { streaks, pairs: &pairs[n], seen, values });
+            run_kernel(AddBrick { streaks, pairs: &pairs[n], seen, values, carried });
         });
         for (pairs, sum) in pairs.iter().zip(sums) {
             self.bricks.insert(brick_key(pairs.brick), sum);
@@ -176,22 +198,25 @@ impl SplatSum {
     /// # Errors
     /// [`GridError::OverMemory`].
     pub fn finish(self) -> Result<Splat, GridError> {
-        let Self { settings, bricks, mut mass, .. } = self;
+        let Self { settings, bricks, mut mass, quantity_count, .. } = self;
         let mut coords = Vec::with_capacity(bricks.len());
         let mut values: Vec<BrickValues> = Vec::with_capacity(bricks.len());
+        let mut means = vec![Vec::with_capacity(bricks.len()); quantity_count.unwrap_or(0)];
         for (key, sum) in bricks {
             coords.push(brick_of(key));
             values.push(sum.values.map(|v| v as f32));
+            means.iter_mut().zip(&sum.carried).for_each(|(means, carried)| means.push(mean(carried, &sum.values)));
         }
         let limit = settings.memory_limit_bytes;
         let grid = DensityGrid::from_bricks(DVec3::ZERO, settings.voxel_size, &coords, &values, limit)?;
         mass.grid = grid.mass();
-        Ok(Splat { grid, mass })
+        Ok(Splat { grid, mass, means: MeanGrid::new(coords, means) })
     }
 
     /// An error where a grid of so many bricks, and `batch_bytes` besides, do not fit.
     fn check_memory(&self, extent: Extent, brick_count: usize, batch_bytes: u64) -> Result<(), GridError> {
-        let of_sums = brick_count as u64 * (size_of::<BrickSum>() + 64) as u64;
+        let of_carried = self.quantity_count.unwrap_or(0) * CARRIED_BYTES;
+        let of_sums = brick_count as u64 * (size_of::<BrickSum>() + 64 + of_carried) as u64;
         let of_distances = self.bricks.values().filter(|sum| sum.distances.is_some()).count() as u64;
         let beside = batch_bytes.saturating_add(of_sums + of_distances * size_of::<BrickDistances>() as u64);
         let dims = dims_of(extent);
@@ -216,9 +241,15 @@ impl SplatSum {
 }
 
 impl BrickSum {
-    fn empty() -> Box<Self> {
-        Box::new(Self { values: [0.0; BRICK_VOXELS], distances: None })
+    fn empty(quantity_count: usize) -> Box<Self> {
+        let carried = vec![[0.0; BRICK_VOXELS]; quantity_count];
+        Box::new(Self { values: [0.0; BRICK_VOXELS], carried, distances: None })
     }
+}
+
+/// What is carried over the density that carries it, in voxels that have some.
+fn mean(carried: &[f64; BRICK_VOXELS], density: &[f64; BRICK_VOXELS]) -> BrickValues {
+    std::array::from_fn(|i| if density[i] as f32 > 0.0 { (carried[i] / density[i]) as f32 } else { 0.0 })
 }
 
 /// Where the batch that begins with particle `start` ends, about `wanted` later, and how far it reaches, if it weighs anything.
@@ -283,6 +314,7 @@ struct AddBrick<'a, 'b> {
     /// What particles near walls see of the brick, if there are any.
     seen: Option<SeenPieces<'a>>,
     values: &'a mut [f64; BRICK_VOXELS],
+    carried: &'a mut [[f64; BRICK_VOXELS]],
 }
 
 impl lanes::Kernel for AddBrick<'_, '_> {
@@ -303,7 +335,11 @@ impl lanes::Kernel for AddBrick<'_, '_> {
                     let center = streaks.center(i, k, count);
                     if touches(center, radius, brick) {
                         kernel.place(center, radius);
-                        seen.add_next(&kernel, radius, brick, amount, self.values);
+                        let Some(piece) = seen.next() else { continue };
+                        seen.add(piece, &kernel, radius, brick, amount, self.values);
+                        for (values, value) in self.carried.iter_mut().zip(streaks.carried(i)) {
+                            seen.add(piece, &kernel, radius, brick, amount * value, values);
+                        }
                     }
                 }
                 continue;
@@ -314,6 +350,9 @@ impl lanes::Kernel for AddBrick<'_, '_> {
                 if touches(center, radius, brick) {
                     kernel.place(center, radius);
                     kernel.add_to(self.values, brick, amount);
+                    for (values, value) in self.carried.iter_mut().zip(streaks.carried(i)) {
+                        kernel.add_to(values, brick, amount * value);
+                    }
                 }
             }
         }

@@ -26,6 +26,8 @@ pub struct SplatInput<'a> {
     pub mass: &'a [f32],
     /// Reach of the kernel along each axis [m], greater than 0.
     pub radius: &'a [f32],
+    /// Quantities of which voxels get the mean, weighted by mass; none where only the density is wanted.
+    pub carried: &'a [&'a [f32]],
     /// What kernels fade towards and do not reach through.
     pub obstacles: Option<&'a dyn ObstacleDistance>,
 }
@@ -52,7 +54,8 @@ impl<'a> Streaks<'a> {
     ) -> Result<Self, GridError> {
         let count = input.mass.len();
         let bends = input.bends.iter().flatten().flatten();
-        let slices = input.position.iter().chain(&input.velocity).chain(bends).chain([&input.radius]);
+        let slices =
+            input.position.iter().chain(&input.velocity).chain(bends).chain([&input.radius]).chain(input.carried);
         if let Some(other) = slices.map(|s| s.len()).find(|&n| n != count) {
             return Err(GridError::Lengths(count, other));
         }
@@ -90,6 +93,9 @@ impl<'a> Streaks<'a> {
                 return Some((i, "the way must bend by less than a million voxels, not by these metres", bend as f32));
             }
         }
+        if let Some(value) = self.carried(i).find(|value| !value.is_finite()) {
+            return Some((i, "what it carries must be finite", value as f32));
+        }
         let (mass, radius) = (self.input.mass[i], self.input.radius[i]);
         if !(mass >= 0.0 && mass.is_finite()) {
             return Some((i, "the mass must be finite and at least 0", mass));
@@ -113,6 +119,17 @@ impl<'a> Streaks<'a> {
     /// Mass of particle `i` [density·m³].
     pub fn mass(&self, i: usize) -> f64 {
         f64::from(self.input.mass[i])
+    }
+
+    /// What particle `i` carries, quantity by quantity.
+    #[inline(always)]
+    pub fn carried(&self, i: usize) -> impl Iterator<Item = f64> {
+        self.input.carried.iter().map(move |values| f64::from(values[i]))
+    }
+
+    /// How many quantities particles carry.
+    pub fn quantity_count(&self) -> usize {
+        self.input.carried.len()
     }
 
     /// Sum of the densities of the voxels that particle `i` makes.
@@ -292,6 +309,7 @@ mod tests {
             bends: None,
             mass: &[1.0],
             radius: &[2.5],
+            carried: &[],
             obstacles: None,
         };
         // Straight, and round a bend and back.

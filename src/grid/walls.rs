@@ -295,25 +295,31 @@ pub(crate) struct SeenPieces<'a> {
     seen: std::slice::Iter<'a, Seen>,
 }
 
-impl SeenPieces<'_> {
+impl<'a> SeenPieces<'a> {
     /// As [`Walls::kept`].
     #[inline(always)]
     pub fn share(&self, i: usize) -> Option<f64> {
         self.walls.kept(i)
     }
 
-    /// Adds `amount` times what the next piece, with this kernel, leaves at the voxels that it sees.
+    /// What the next piece sees.
+    #[inline(always)]
+    pub fn next(&mut self) -> Option<&'a Seen> {
+        self.seen.next()
+    }
+
+    /// Adds `amount` times what a piece, with this kernel, leaves at the voxels that it sees.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn add_next(
-        &mut self,
+    pub fn add(
+        &self,
+        seen: &Seen,
         kernel: &Kernel,
         radius: f64,
         brick: IVec3,
         amount: f64,
         values: &mut [f64; BRICK_VOXELS],
     ) {
-        let Some(seen) = self.seen.next() else { return };
         let inverse_soft = 1.0 / self.walls.sight.soft_radius(radius);
         let (rows, _) = values.as_chunks_mut::<BRICK_EDGE>();
         let (distances, _) = self.distances.as_chunks::<BRICK_EDGE>();

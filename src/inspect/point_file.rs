@@ -1,5 +1,6 @@
-//! Points as files: CSV with a line for each, NPY as NumPy reads it, and binary PLY in two or three dimensions.
+//! Points as files: CSV with a line for each, NPY as NumPy reads it, and binary PLY in two or three dimensions; particles as PLY.
 
+use crate::particles::Particles;
 use crate::points::PointSet;
 use std::fmt::Write;
 
@@ -62,17 +63,39 @@ fn npy(set: &PointSet) -> Vec<u8> {
 }
 
 fn ply(set: &PointSet) -> Vec<u8> {
-    let mut bytes = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment points from curlsmoke\nelement vertex {}\nproperty float x\n\
-         property float y\nproperty float z\nend_header\n",
-        set.len()
-    )
-    .into_bytes();
+    let mut bytes = ply_header("points", set.len(), &["x", "y", "z"]);
     for i in 0..set.len() {
         let point = set.point(i);
         for axis in 0..3 {
             bytes.extend((point.get(axis).copied().unwrap_or(0.0) as f32).to_le_bytes());
         }
+    }
+    bytes
+}
+
+fn ply_header(what: &str, count: usize, properties: &[&str]) -> Vec<u8> {
+    let mut text =
+        format!("ply\nformat binary_little_endian 1.0\ncomment {what} from curlsmoke\nelement vertex {count}\n");
+    properties.iter().for_each(|name| text += &format!("property float {name}\n"));
+    text += "end_header\n";
+    text.into_bytes()
+}
+
+/// What is written of a particle: place [m], velocity [m/s], time since birth and length of its life [s], mass [density unit · m³] and
+/// kernel radius [m].
+const PARTICLE_PROPERTIES: [&str; 10] = ["x", "y", "z", "vx", "vy", "vz", "age", "lifetime", "mass", "radius"];
+
+/// Size of a particle in a file of [`particles_ply`] [bytes].
+pub const PARTICLE_BYTES: usize = PARTICLE_PROPERTIES.len() * size_of::<f32>();
+
+/// Particles as binary little-endian PLY, single precision, in their order; `lifetime` is asked with the identity of each.
+pub fn particles_ply(particles: &Particles, lifetime: impl Fn(u64) -> f32) -> Vec<u8> {
+    let mut bytes = ply_header("particles", particles.len(), &PARTICLE_PROPERTIES);
+    bytes.reserve_exact(particles.len() * PARTICLE_BYTES);
+    for i in 0..particles.len() {
+        let axes = particles.position.iter().chain(&particles.velocity).map(|axis| axis[i]);
+        let others = [particles.age[i], lifetime(particles.id[i]), particles.mass[i], particles.radius[i]];
+        bytes.extend(axes.chain(others).flat_map(f32::to_le_bytes));
     }
     bytes
 }

@@ -226,6 +226,13 @@ impl ParticleSystem {
         Ok(&self.frame)
     }
 
+    /// How long a particle lives [s], by its identity; 0 of one that there never is.
+    pub fn lifetime(&self, id: u64) -> f32 {
+        let emitter = self.emitters.get((id >> INDEX_BITS) as usize);
+        let birth = emitter.and_then(|emitter| emitter.birth(id & ((1 << INDEX_BITS) - 1)));
+        birth.map_or(0.0, |birth| birth.lifetime)
+    }
+
     /// Calls `visit` with the particles alive at a frame, at most `batch` at a time, in the order in which
     /// [`ParticleSystem::at_frame`] has them. Each batch is carried from its birth, whatever frame was asked for before, so that no
     /// more particles than that are ever held; nothing is kept.

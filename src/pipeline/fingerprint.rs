@@ -24,6 +24,8 @@ impl InputHash {
         settings.frames.last = settings.frames.first;
         settings.output.image.clear();
         settings.output.volume.clear();
+        settings.output.volume_grids.clear();
+        settings.output.velocity_units = settings::VelocityUnits::Second;
         if let Some(smoke) = &mut settings.smoke {
             smoke.advect.batch = None;
         }

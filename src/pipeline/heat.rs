@@ -12,7 +12,7 @@ use crate::scene::settings;
 use glam::Vec3;
 
 /// Memory that a particle takes besides while its light is splatted [bytes].
-pub(super) const PARTICLE_BYTES: u64 = 24;
+pub(super) const PARTICLE_BYTES: u64 = 28;
 
 /// Light that density 1 gives off at a temperature [W/(m³ sr)].
 pub(super) struct Heat {
@@ -37,12 +37,8 @@ impl Heat {
 
     /// What particles give off in red, green and blue, to be splatted as their mass is.
     pub(super) fn of_particles(&self, particles: &Particles) -> [Vec<f32>; 3] {
-        let heat = &self.settings;
-        let light = parallel::map(particles.age.len(), |i| {
-            let cooled = (-f64::from(particles.age[i]) / heat.cooling_time).exp();
-            let kelvin = heat.ambient + (heat.temperature - heat.ambient) * cooled;
-            particles.mass[i] * self.at(kelvin as f32)
-        });
+        let kelvin = temperatures(&self.settings, particles);
+        let light = parallel::map(kelvin.len(), |i| particles.mass[i] * self.at(kelvin[i]));
         [0, 1, 2].map(|channel| light.iter().map(|light| light[channel]).collect())
     }
 
@@ -68,6 +64,34 @@ impl Heat {
             DensityGrid::from_bricks(density.origin(), density.voxel_size(), &coords, &values, memory_limit)
         })
     }
+}
+
+/// Second constant of radiation over 600 nm, where hot smoke is about as bright to the eye as anywhere [K].
+const GLOW_KELVIN: f64 = 0.014_387_768_775 / 600e-9;
+
+/// What particles give off at 600 nm by Wien's law, the hottest there may be having 1: what their mean temperature is found from.
+pub(super) fn glows(heat: &settings::Blackbody, particles: &Particles) -> Vec<f32> {
+    let hottest = heat.temperature.max(heat.ambient);
+    temperatures(heat, particles)
+        .iter()
+        .map(|&kelvin| (GLOW_KELVIN / hottest - GLOW_KELVIN / f64::from(kelvin)).exp() as f32)
+        .collect()
+}
+
+/// The temperature [K] at which smoke has the mean of [`glows`].
+pub(super) fn kelvin_of_glow(heat: &settings::Blackbody, glow: f32) -> f32 {
+    let hottest = heat.temperature.max(heat.ambient);
+    let kelvin = GLOW_KELVIN / (GLOW_KELVIN / hottest - f64::from(glow).ln());
+    // No particle is cooler; what is far cooler than any glow has none in single precision.
+    kelvin.max(heat.temperature.min(heat.ambient)) as f32
+}
+
+/// Temperatures of particles [K], which cool with their age.
+fn temperatures(heat: &settings::Blackbody, particles: &Particles) -> Vec<f32> {
+    parallel::map(particles.age.len(), |i| {
+        let cooled = (-f64::from(particles.age[i]) / heat.cooling_time).exp();
+        (heat.ambient + (heat.temperature - heat.ambient) * cooled) as f32
+    })
 }
 
 fn try_channels<E>(mut grid: impl FnMut(usize) -> Result<DensityGrid, E>) -> Result<[DensityGrid; 3], E> {

@@ -6,6 +6,7 @@
 use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
+use crate::grid::means::MeanGrid;
 use crate::output::sidecar::Sidecar;
 use crate::pipeline::inputs::{Inputs, Part};
 use crate::pipeline::smoke::{FrameSmoke, SmokeSource};
@@ -142,7 +143,7 @@ impl LiveStudio {
                 // The density is that of the last medium.
                 Some(last) if !is_new => {
                     let (density, glow) = last.into_grids();
-                    Some(FrameSmoke { density, glow, is_unbound: self.is_unbound })
+                    Some(FrameSmoke { density, glow, is_unbound: self.is_unbound, means: MeanGrid::default() })
                 }
                 _ => self.density.get_mut()?.take(),
             };

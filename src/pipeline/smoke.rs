@@ -5,6 +5,7 @@ use crate::flow::Flow;
 use crate::flow::field::FieldSpan;
 use crate::geometry::Geometry;
 use crate::grid::drift::{self, VelocityGrid};
+use crate::grid::means::MeanGrid;
 use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{Splat, SplatInput, SplatSettings, SplatSum};
 use crate::grid::{DensityGrid, GridError, vdb};
@@ -27,6 +28,19 @@ pub(super) struct FrameSmoke {
     pub(super) glow: Option<[DensityGrid; 3]>,
     /// Whether there may be such light where there is no density.
     pub(super) is_unbound: bool,
+    /// What its particles carry, as was asked for: velocities first, then light by temperature.
+    pub(super) means: MeanGrid,
+}
+
+/// What is made of particles besides their density.
+#[derive(Default)]
+pub(super) struct Besides {
+    /// Light, of hot ones.
+    pub(super) heat: Option<Heat>,
+    /// The mean of their velocities [m/s]; the density is then that of the frame's own time.
+    pub(super) has_velocity: bool,
+    /// The mean of their light, from which `heat::kelvin_of_glow` finds a temperature.
+    pub(super) temperature: Option<settings::Blackbody>,
 }
 
 impl FrameSmoke {
@@ -102,7 +116,7 @@ impl DensityFiles {
                 Some(glow.map_err(|e| in_scene(scene, &key, Some(frame), e))?)
             }
         };
-        let smoke = FrameSmoke { density, glow, is_unbound: heat.is_none() };
+        let smoke = FrameSmoke { density, glow, is_unbound: heat.is_none(), means: MeanGrid::default() };
         let frames = &scene.settings.frames;
         match &self.settings.velocity {
             Some(name) if frames.shutter != [0.0; 2] => {
@@ -166,6 +180,14 @@ impl SmokeSource {
         }
     }
 
+    /// The particles, of smoke that is made of some.
+    pub(super) fn particles(&self) -> Option<&ParticleSystem> {
+        match self {
+            Self::Particles { system, .. } => Some(system),
+            Self::None | Self::File(_) => None,
+        }
+    }
+
     pub(super) fn grid(
         &mut self,
         scene: &Scene,
@@ -174,11 +196,23 @@ impl SmokeSource {
         progress: &dyn Progress,
         record: &mut Sidecar,
     ) -> Result<Option<FrameSmoke>, Error> {
+        self.grids(scene, frame, Besides { heat, ..Besides::default() }, progress, record)
+    }
+
+    /// As [`SmokeSource::grid`], with what else is asked of particles.
+    pub(super) fn grids(
+        &mut self,
+        scene: &Scene,
+        frame: i32,
+        besides: Besides,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<Option<FrameSmoke>, Error> {
         let smoke = match self {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings, is_told } => {
                 let before = [system.penetrations(), system.born(), system.born_inside()];
-                let (splat, glow) = splat_frame(system, settings, scene, frame, heat, progress, record)?;
+                let (splat, glow) = splat_frame(system, settings, scene, frame, besides, progress, record)?;
                 let m = splat.mass;
                 record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
                 record.penetrations = system.penetrations() - before[0];
@@ -189,11 +223,11 @@ impl SmokeSource {
                     *is_told = true;
                     progress.note(&format!("frame {frame}: {}", born_inside_text(scene, "the particles were", share)));
                 }
-                FrameSmoke { density: splat.grid, glow, is_unbound: false }
+                FrameSmoke { density: splat.grid, glow, is_unbound: false, means: splat.means }
             }
             Self::File(file) => {
                 let limit = grid_memory_limit(scene, 0);
-                file.read(scene, frame, heat.as_ref(), "smoke", limit, progress, record)?
+                file.read(scene, frame, besides.heat.as_ref(), "smoke", limit, progress, record)?
             }
         };
         let remap = scene.settings.smoke.as_ref().and_then(|smoke| smoke.remap);
@@ -210,7 +244,7 @@ fn splat_frame(
     settings: &SplatSettings,
     scene: &Scene,
     frame: i32,
-    heat: Option<Heat>,
+    besides: Besides,
     progress: &dyn Progress,
     record: &mut Sidecar,
 ) -> Result<(Splat, Option<[DensityGrid; 3]>), Error> {
@@ -224,7 +258,7 @@ fn splat_frame(
     if let Some(batch) = batch {
         let count = |emitter| footprint::live_count(emitter, &scene.settings.frames);
         let all: f64 = smoke.map_or(0.0, |smoke| smoke.emitters.iter().map(count).sum());
-        let mut sums = SmokeSums::try_new(scene, settings, heat, all.min(batch as f64).ceil() as usize)?;
+        let mut sums = SmokeSums::try_new(scene, settings, besides, all.min(batch as f64).ceil() as usize)?;
         let mut grid_time = Duration::ZERO;
         let visited = system.visit_batches(frame, batch, progress, &mut |particles| {
             let start = Instant::now();
@@ -246,7 +280,7 @@ fn splat_frame(
     let particles = system.particles();
     record.particles = particles.len() as u64;
     timed(progress, Stage::Grid, record, 0, || {
-        let mut sums = SmokeSums::try_new(scene, settings, heat, particles.len())?;
+        let mut sums = SmokeSums::try_new(scene, settings, besides, particles.len())?;
         sums.add(particles, walls.as_ref(), scene, frame)?;
         sums.finish(scene, frame)
     })
@@ -267,24 +301,32 @@ impl From<ParticlesError> for Visit {
 /// Density, and light of hot smoke, while particles are added.
 struct SmokeSums {
     density: SplatSum,
+    has_velocity: bool,
+    temperature: Option<settings::Blackbody>,
     light: Option<(Heat, [SplatSum; 3])>,
 }
 
 impl SmokeSums {
     /// Sums that leave room for so many particles.
-    fn try_new(scene: &Scene, settings: &SplatSettings, heat: Option<Heat>, held_count: usize) -> Result<Self, Error> {
+    fn try_new(scene: &Scene, settings: &SplatSettings, besides: Besides, held_count: usize) -> Result<Self, Error> {
+        let Besides { heat, has_velocity, temperature } = besides;
+        let shutter_seconds = if has_velocity { [0.0; 2] } else { settings.shutter_seconds };
         let limit = grid_memory_limit(scene, held_count);
+        let limit = match temperature {
+            Some(_) => limit.saturating_sub(2 * held_count as u64 * size_of::<f32>() as u64),
+            None => limit,
+        };
         // Of hot smoke four grids share what is left.
         let limit = match heat {
             Some(_) => limit.saturating_sub(held_count as u64 * heat::PARTICLE_BYTES) / 4,
             None => limit,
         };
         let empty = || {
-            SplatSum::try_new(SplatSettings { memory_limit_bytes: limit, ..*settings })
+            SplatSum::try_new(SplatSettings { memory_limit_bytes: limit, shutter_seconds, ..*settings })
                 .map_err(|e| in_scene(scene, "smoke.grid", None, e))
         };
         let light = heat.map(|heat| Ok::<_, Error>((heat, [empty()?, empty()?, empty()?]))).transpose()?;
-        Ok(Self { density: empty()?, light })
+        Ok(Self { density: empty()?, has_velocity, temperature, light })
     }
 
     fn add(
@@ -294,12 +336,16 @@ impl SmokeSums {
         scene: &Scene,
         frame: i32,
     ) -> Result<(), Error> {
+        let temperature = self.temperature.map(|heat| heat::glows(&heat, particles));
+        let velocity = particles.velocity.iter().filter(|_| self.has_velocity);
+        let carried: Vec<&[f32]> = velocity.chain(&temperature).map(Vec::as_slice).collect();
         let input = SplatInput {
             position: particles.position.each_ref().map(Vec::as_slice),
             velocity: particles.velocity.each_ref().map(Vec::as_slice),
             bends: particles.bends.as_ref().map(|b| b.each_ref().map(|axes| axes.each_ref().map(Vec::as_slice))),
             mass: &particles.mass,
             radius: &particles.radius,
+            carried: &carried,
             obstacles: walls.map(|walls| walls as &dyn ObstacleDistance),
         };
         self.density.add(&input).map_err(|e| in_scene(scene, "smoke.grid", Some(frame), e))?;
@@ -308,7 +354,7 @@ impl SmokeSums {
         light
             .iter_mut()
             .zip(&channels)
-            .try_for_each(|(sum, mass)| sum.add(&SplatInput { mass, ..input }))
+            .try_for_each(|(sum, mass)| sum.add(&SplatInput { mass, carried: &[], ..input }))
             .map_err(|e| in_scene(scene, "smoke.blackbody", Some(frame), e))
     }
 

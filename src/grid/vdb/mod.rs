@@ -1,4 +1,4 @@
-//! `.vdb` files of float grids, in and out, and of colours, in.
+//! `.vdb` files of numbers and vectors, in and out.
 //!
 //! The format is that of OpenVDB, whose sources are its only description: `openvdb/io/{Archive,Compression,GridDescriptor}`
 //! and the `readTopology`, `readBuffers` of the tree's nodes. Read are file versions 220 to 225, trees
@@ -15,10 +15,10 @@ mod tree;
 mod write;
 
 pub use read::{
-    GridInfo, list_grids, parse_color_grid, parse_float_grid, parse_grid_list, read_color_grid, read_float_grid,
-    read_vector_grid,
+    GridInfo, list_grids, parse_color_grid, parse_float_grid, parse_grid_list, parse_vector_grid, read_color_grid,
+    read_float_grid, read_vector_grid,
 };
-pub use write::{VdbWriteSettings, write_float_grids};
+pub use write::{VdbGrid, VdbWriteSettings, write_float_grids, write_grids};
 
 use crate::grid::GridError;
 use std::path::PathBuf;

@@ -91,7 +91,25 @@ pub fn read_color_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Resu
 /// # Errors
 /// As [`read_color_grid`].
 pub fn read_vector_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Result<[[DensityGrid; 2]; 3], VdbError> {
-    let component = |bytes: &[u8], i: usize, limit: u64| {
+    load(path, memory_limit_bytes)
+        .and_then(|bytes| {
+            let left = memory_limit_bytes.saturating_sub(bytes.len() as u64);
+            parse_vector_grid(&bytes, name, left)
+        })
+        .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
+}
+
+/// The grid `name` of vectors of a file given as bytes; see [`read_vector_grid`].
+///
+/// # Errors
+/// [`VdbProblem`] as for [`read_vector_grid`].
+pub fn parse_vector_grid(
+    bytes: &[u8],
+    name: &str,
+    memory_limit_bytes: u64,
+) -> Result<[[DensityGrid; 2]; 3], VdbProblem> {
+    let limit = memory_limit_bytes / 6;
+    let component = |i: usize| {
         let up = parse_channel(bytes, name, Some(i), limit)?;
         let mut down = Voxels { origin: up.origin, voxel_size: up.voxel_size, tree: up.tree.clone() };
         down.tree.values.iter_mut().flatten().for_each(|v| *v = -*v);
@@ -102,12 +120,7 @@ pub fn read_vector_grid(path: &Path, name: &str, memory_limit_bytes: u64) -> Res
         };
         Ok::<_, VdbProblem>([above(up)?, above(down)?])
     };
-    load(path, memory_limit_bytes)
-        .and_then(|bytes| {
-            let limit = memory_limit_bytes.saturating_sub(bytes.len() as u64) / 6;
-            Ok([component(&bytes, 0, limit)?, component(&bytes, 1, limit)?, component(&bytes, 2, limit)?])
-        })
-        .map_err(|problem| VdbError { path: path.to_path_buf(), problem })
+    Ok([component(0)?, component(1)?, component(2)?])
 }
 
 fn load(path: &Path, limit_bytes: u64) -> Result<Vec<u8>, VdbProblem> {
@@ -162,7 +175,8 @@ struct Voxels {
 }
 
 impl Voxels {
-    fn into_grid(self, name: &str, memory_limit_bytes: u64) -> Result<DensityGrid, VdbProblem> {
+    fn into_grid(mut self, name: &str, memory_limit_bytes: u64) -> Result<DensityGrid, VdbProblem> {
+        clear_negligible(&mut self.tree.values);
         let Tree { bricks, values, .. } = &self.tree;
         DensityGrid::from_bricks(self.origin, self.voxel_size, bricks, values, memory_limit_bytes)
             .map_err(|error| VdbProblem::Grid { name: name.to_owned(), error })
@@ -199,7 +213,6 @@ fn parse_channel(
     let mut tree = Tree::default();
     tree.read_topology(&mut stream, memory_limit_bytes).map_err(|e| e.into_problem(name))?;
     tree.read_leaves(&mut stream)?;
-    clear_negligible(&mut tree.values);
     let origin = transform.translation - 0.5 * transform.voxel_size;
     Ok(Voxels { origin, voxel_size: transform.voxel_size as f32, tree })
 }

@@ -1,5 +1,6 @@
 //! Files to write.
 
+use crate::settings::VelocityUnits;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +19,12 @@ pub struct Output {
     pub preview: Option<String>,
     /// Density, .vdb, written by `curlsmoke bake`. Default out/{scene}.####.vdb.
     pub volume: String,
+    /// Further grids of that file. Default none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub volume_grids: Vec<VolumeGrid>,
+    /// Unit of its velocities. Default second.
+    #[serde(skip_serializing_if = "VelocityUnits::is_second")]
+    pub velocity_units: VelocityUnits,
     /// Further layers of the picture. Default none.
     pub aovs: Vec<Aov>,
     /// How the preview maps light to the screen. Default standard.
@@ -35,11 +42,26 @@ impl Default for Output {
             layout: Layout::Single,
             preview: None,
             volume: "out/{scene}.####.vdb".into(),
+            volume_grids: Vec::new(),
+            velocity_units: VelocityUnits::Second,
             aovs: Vec::new(),
             view: View::Standard,
             exposure_ev: 0.0,
         }
     }
+}
+
+/// A grid beside the density: the mean of what the particles about a voxel carry, weighted by their mass; none where there is no
+/// density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VolumeGrid {
+    /// Velocities at the frame's time: vectors, named `v`. The density is then that of this one time, whatever the shutter, so that
+    /// who reads both can blur it.
+    Velocity,
+    /// Temperatures [K], named `temperature`, of smoke with `blackbody`: those at which the smoke of a voxel glows at 600 nm as its
+    /// particles do together.
+    Temperature,
 }
 
 /// How pixels are packed.

@@ -251,8 +251,8 @@ pub struct DensityFile {
     #[schemars(range(min = 0.0, max = 1e9))]
     pub emission_gain: f64,
     /// Name of a grid of velocities in it (`vec3s`, at voxel centres), by which it is blurred while the shutter is open: what is at
-    /// a place is taken to have come straight along the velocity there. So velocities must be stored as far beside the smoke as it
-    /// goes. Default none: no motion blur.
+    /// a place is taken to have come straight along the velocity there; where neither it nor density is stored, along that of the smoke
+    /// nearby. Default none: no motion blur.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub velocity: Option<String>,
     /// Unit of these velocities. Default second.
