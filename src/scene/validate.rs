@@ -1,6 +1,7 @@
 //! What a schema cannot say: cross references, relations between keys, files that must exist, and whether the whole
 //! fits into memory. All problems are collected.
 
+use crate::conform::KeyedFrames;
 use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
@@ -25,10 +26,19 @@ const RESERVED_GROUPS: [&str; 2] = ["emission", "other"];
 /// Least diameter of a disk in the sky [degrees]: the rim of smaller ones is lost in the rounding of directions.
 const SUN_DIAMETER_MIN: f64 = 0.01;
 
-/// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
-pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
+/// Checks settings that fit the schema, whose values over time are `keyed`. Keys in `mended`, and what depends on them, are not
+/// judged.
+pub fn validate(
+    settings: &Settings,
+    tree: &Node,
+    mended: &[String],
+    keyed: &[KeyedFrames],
+    path: &Path,
+    collector: &mut Collector<'_>,
+) {
     let mut check = Check { settings, tree, mended, path, collector };
     check.frames(&settings.frames);
+    check.key_times(keyed);
     check.camera(&settings.camera);
     check.film(&settings.film);
     check.shapes();
@@ -158,6 +168,22 @@ impl<'s> Check<'s, '_, '_> {
         } else if open < -1.0 || close > 1.0 {
             let message = "the shutter must open and close within one frame of the frame: from -1 to 1";
             self.error_help("frames.shutter", "frames.shutter", message, "a film camera has about `[-0.25, 0.25]`");
+        }
+    }
+
+    /// Frames that differ may be at the same time, once the first is taken from them.
+    fn key_times(&mut self, keyed: &[KeyedFrames]) {
+        if !self.is_sound("frames") {
+            return;
+        }
+        for frames in keyed {
+            let times: Vec<f64> = frames.iter().map(|(frame, _)| self.settings.frames.time_of(*frame)).collect();
+            let rises = |pair: &[f64]| pair[0] < pair[1];
+            if let Some(i) = times.windows(2).position(|pair| !rises(pair)) {
+                let (frame, key) = &frames[i + 1];
+                let message = format!("frame {} lies too close to the one before, at the same time", decimal(*frame));
+                self.error_help(key, key, message, "put the frames of keys further apart, or remove one of them");
+            }
         }
     }
 
