@@ -335,8 +335,7 @@ fn read(
 ) -> Result<(Mesh, Vec<Link>, Option<String>), GeometryError> {
     let place = place(scene, name, "file");
     let (path, limit) = (scene.resolve(&settings.file), memory_limit(scene));
-    let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
-    let found = if is_gltf {
+    let found = if gltf_file::is_gltf(&path) {
         read_body(&path, settings.node.as_deref(), limit)
     } else {
         read_mesh(&path, limit).map(|mesh| (mesh, Vec::new()))
