@@ -183,7 +183,10 @@ fn geometry_exit_code(e: &GeometryError) -> u8 {
         | GeometryError::Embree(EmbreeError::Load(_)) => 4,
         GeometryError::MeshFile { source: MeshFileError::Memory { .. }, .. }
         | GeometryError::Distance { source: MeshSdfError::Memory { .. }, .. } => 6,
-        GeometryError::MeshFile { .. } | GeometryError::Distance { .. } | GeometryError::Open { .. } => 3,
+        GeometryError::MeshFile { .. }
+        | GeometryError::Distance { .. }
+        | GeometryError::Animation { .. }
+        | GeometryError::Open { .. } => 3,
         GeometryError::Embree(_) | GeometryError::Cancelled => 1,
     }
 }

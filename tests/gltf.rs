@@ -199,6 +199,43 @@ fn whatever_bytes_a_file_has_it_is_a_mesh_or_an_error() {
     }
 }
 
+#[test]
+fn a_shape_that_carries_something_neither_grows_nor_jumps_by_its_file() {
+    let grows = glb(|json| {
+        json.replacen(
+            r#""sampler": 1, "target": {"node": 0, "path": "translation"}"#,
+            r#""sampler": 1, "target": {"node": 0, "path": "scale"}"#,
+            1,
+        )
+    });
+    // The values of the second sampler as scales.
+    let floats = |v: [f32; 6]| v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let scaled = |last: f32| {
+        let mut bytes = grows.clone();
+        let (old, new) = (floats([0.0, 0.0, 0.0, 0.0, 2.0, 0.0]), floats([1.0, 1.0, 1.0, last, last, last]));
+        let at = bytes.windows(24).rposition(|window| window == old).unwrap();
+        bytes[at..at + 24].copy_from_slice(&new);
+        bytes
+    };
+    let jumps = glb(|json| json.replacen(r#""LINEAR""#, r#""STEP""#, 1));
+    let carrying = [
+        "flow: {potentials: [{uniform: {velocity: [0, 1, 0]}}], obstacles: [arm]}\n",
+        "volumes: {mist: {inside: arm, density: 1, medium: {extinction: 1}}}\n",
+        "smoke: {emitters: [{mesh: {shape: arm}, rate: 100, lifetime: 1}], grid: {voxel_size: 0.1}, medium: {extinction: 1}}\n",
+    ];
+    for (bytes, part) in [(scaled(2.0), "grow"), (jumps, "jump")] {
+        geometry_with(&bytes, "{}", "").unwrap_or_else(|e| panic!("what light alone meets may {part}: {e}"));
+        for more in carrying {
+            let error = geometry_with(&bytes, "{}", more).err().unwrap_or_else(|| panic!("{part}: {more}"));
+            assert!(error.contains(part) && error.contains("test.yaml:5:") && error.contains("arm.glb"), "{error}");
+        }
+    }
+    for more in carrying {
+        geometry_with(&glb(|json| json), "{}", more).unwrap_or_else(|e| panic!("moves evenly: {e}"));
+        geometry_with(&scaled(1.00001), "{}", more).unwrap_or_else(|e| panic!("rounding is no growth: {e}"));
+    }
+}
+
 /// A .gltf of one triangle whose buffer is `uri`.
 fn triangle(uri: &str) -> String {
     format!(

@@ -6,8 +6,8 @@ use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
-    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Interpolation, Keyed, Light, Mask, Output,
-    Part, Potential, RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform, Vec3, Volume,
+    Camera, CameraProjection, Capsule, Cuboid, Environment, Film, Frames, Interpolation, Keyed, Light, Output, Part,
+    RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform, Vec3, Volume,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -257,29 +257,13 @@ impl<'s> Check<'s, '_, '_> {
             ];
             self.exactly_one(&key, &given);
             self.shape(&key, shape);
-            let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_ref() == Some(name));
-            if !shape.visible && !self.guides_flow(name) && !self.is_emitter(name) && !is_filled {
+            if !shape.visible && !self.settings.carries(name) {
                 let key_visible = format!("{key}.visible");
                 let message =
                     format!("`{name}` has no effect: it is invisible, no obstacle, no emitter and holds no volume");
                 self.warning(&key_visible, "flow.obstacles", message, "name it in `flow.obstacles`, or remove it");
             }
         }
-    }
-
-    fn guides_flow(&self, shape: &str) -> bool {
-        let flow = &self.settings.flow;
-        let is_mask = |mask: &Mask| match mask {
-            Mask::Shape(mask) => mask.name == shape,
-            Mask::Wake(mask) => mask.shape == shape,
-            _ => false,
-        };
-        flow.minds(shape) || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
-    }
-
-    fn is_emitter(&self, shape: &str) -> bool {
-        let emitters = self.settings.smoke.iter().flat_map(|smoke| &smoke.emitters);
-        emitters.filter_map(|emitter| emitter.mesh.as_ref()).any(|mesh| mesh.shape == shape)
     }
 
     fn shape(&mut self, key: &str, shape: &Shape) {
@@ -375,7 +359,7 @@ impl<'s> Check<'s, '_, '_> {
             self.error_help(&format!("{key}.motion"), key, "the shape moves by its `transform` already", help);
         }
         let name = key.strip_prefix("shapes.").unwrap_or_default();
-        if !self.carries_something(name) {
+        if !self.settings.carries(name) {
             return;
         }
         let scope = "a shape that guides the flow, holds a volume or lets particles start";
@@ -393,12 +377,6 @@ impl<'s> Check<'s, '_, '_> {
             let help = "take `linear` or `ease`; what repeats must end as it begins";
             self.error_help(&key, &key, format!("{scope} cannot jump: its speed would be infinite"), help);
         }
-    }
-
-    /// Whether more than light minds how a shape moves.
-    pub(crate) fn carries_something(&self, name: &str) -> bool {
-        let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_deref() == Some(name));
-        self.guides_flow(name) || self.is_emitter(name) || is_filled
     }
 
     /// Solids whose numbers must fit each other.
