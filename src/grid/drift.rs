@@ -4,15 +4,25 @@
 //! brought it: exact of even motion, off by `t²` times how the velocity changes along its way elsewhere. The density of the frame
 //! becomes the mean over the shutter, taken at midpoints at most half a voxel of the way apart, on the same voxels.
 
-use crate::grid::{BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, local_voxel, needed_bytes};
+use crate::grid::{
+    BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, brick_box, check_memory, local_voxel,
+};
 use crate::math::parallel;
 use crate::math::space::WorldPoint;
-use glam::{DVec3, IVec3, Vec3};
+use crate::progress::Progress;
+use glam::{IVec3, U64Vec3, Vec3};
+use std::collections::{HashMap, HashSet};
 
 /// Most midpoints of a voxel; longer ways than 256 voxels become dotted.
 const SAMPLES_MAX: u32 = 512;
 /// Midpoints for each voxel of the way.
 const SAMPLES_PER_VOXEL: f32 = 2.0;
+/// Bricks between two looks at whether to stop.
+const BRICKS_AT_ONCE: usize = 1024;
+/// Within so many bricks each is looked at for density; farther ones count as dense where the box round all density begins.
+const NEAR: i32 = 3;
+/// Memory of a brick whose speed is known, in a table that grows [bytes].
+const SPEED_BYTES: u64 = 128;
 
 /// Velocities on voxels: for each axis what is above 0, and what is below with its sign turned, as grids hold no numbers below 0.
 #[derive(Debug, Clone)]
@@ -34,6 +44,34 @@ impl VelocityGrid {
         self.factor * Vec3::from(self.parts.each_ref().map(|[up, down]| part(up) - part(down)))
     }
 
+    /// The speeds in those bricks of `density` between the first and the last of `within` where anything moves, without the factor.
+    fn speeds(&self, density: &DensityGrid, within: [IVec3; 2], memory_limit_bytes: u64) -> Result<Speeds, GridError> {
+        let mut speeds = Speeds::new();
+        let brick_size = BRICK_EDGE as f64 * f64::from(density.voxel_size());
+        for (axis, grid) in self.parts.iter().enumerate().flat_map(|(axis, parts)| parts.iter().map(move |g| (axis, g)))
+        {
+            let h = f64::from(grid.voxel_size());
+            for (coord, values) in grid.occupied_bricks() {
+                let most = values.iter().fold(0.0f32, |a, &b| a.max(b));
+                let low = grid.origin() + (coord * BRICK_EDGE as i32).as_dvec3() * h;
+                // Voxels are interpolated with their neighbours, and places are rounded.
+                let corners = [low - h, low + (BRICK_EDGE as f64 + 1.0) * h];
+                let [first, last] = corners.map(|corner| ((corner - density.origin()) / brick_size).floor().as_ivec3());
+                let (first, last) = (first.max(within[0]), last.min(within[1]));
+                for z in first.z..=last.z {
+                    for y in first.y..=last.y {
+                        for x in first.x..=last.x {
+                            let speed = &mut speeds.entry(IVec3::new(x, y, z)).or_default()[axis];
+                            *speed = speed.max(most);
+                        }
+                        check_memory(U64Vec3::ZERO, 0, speeds.len() as u64 * SPEED_BYTES, memory_limit_bytes)?;
+                    }
+                }
+            }
+        }
+        Ok(speeds)
+    }
+
     /// No speed is above this [m/s].
     pub fn max_speed(&self) -> f32 {
         let most = |[up, down]: &[DensityGrid; 2]| up.max_density().max(down.max_density());
@@ -41,15 +79,17 @@ impl VelocityGrid {
     }
 }
 
-/// The mean of `density` over the times of `shutter`, relative to the frame [s]. The grid grows by as much as the fastest goes.
+/// The mean of `density` over the times of `shutter`, relative to the frame [s]. The grid grows by as far as
+/// density goes.
 ///
 /// # Errors
-/// [`GridError::OverMemory`] before anything large is allocated, and where velocities reach too far.
+/// [`GridError::OverMemory`] before anything large is allocated, [`GridError::TooFar`], and [`GridError::Cancelled`].
 pub fn blurred(
     density: &DensityGrid,
     velocity: &VelocityGrid,
     shutter: [f64; 2],
     memory_limit_bytes: u64,
+    progress: &dyn Progress,
 ) -> Result<DensityGrid, GridError> {
     let h = density.voxel_size();
     let longest = shutter[0].abs().max(shutter[1].abs()) as f32;
@@ -57,15 +97,21 @@ pub fn blurred(
     if reach == 0.0 || density.is_empty() {
         return Ok(density.clone());
     }
-    let occupied: Vec<IVec3> = density.occupied_bricks().map(|(coord, _)| coord).collect();
-    let coords = dilated(&occupied, reach, memory_limit_bytes)?;
+    let coords = reached(density, velocity, longest, memory_limit_bytes)?;
+    let (_, dims) = brick_box(&coords)?;
+    check_memory(dims, coords.len() as u64, size_of_val(&coords[..]) as u64, memory_limit_bytes)?;
     let mut values: Vec<BrickValues> = vec![[0.0; BRICK_VOXELS]; coords.len()];
-    parallel::for_each_mut(&mut values, |n, brick| {
-        for (i, value) in brick.iter_mut().enumerate() {
-            let voxel = coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
-            *value = mean(density, velocity, shutter, voxel);
+    for (coords, values) in coords.chunks(BRICKS_AT_ONCE).zip(values.chunks_mut(BRICKS_AT_ONCE)) {
+        if progress.is_cancelled() {
+            return Err(GridError::Cancelled);
         }
-    });
+        parallel::for_each_mut(values, |n, brick| {
+            for (i, value) in brick.iter_mut().enumerate() {
+                let voxel = coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
+                *value = mean(density, velocity, shutter, voxel);
+            }
+        });
+    }
     DensityGrid::from_bricks(density.origin(), h, &coords, &values, memory_limit_bytes)
 }
 
@@ -89,47 +135,49 @@ fn mean(density: &DensityGrid, velocity: &VelocityGrid, shutter: [f64; 2], voxel
     (sum / f64::from(count)) as f32
 }
 
-/// All bricks within `reach` voxels of some.
-fn dilated(bricks: &[IVec3], reach: f32, memory_limit_bytes: u64) -> Result<Vec<IVec3>, GridError> {
-    // A voxel more, for what is interpolated.
-    let far = ((f64::from(reach) + 1.0) / BRICK_EDGE as f64).ceil();
-    let edge = 2.0 * far + 1.0;
-    // A list of that many is held before it is known how many are the same.
-    let brick_count = (bricks.len() as f64 * edge.powi(3)).min(1e18) as u64;
-    let low = bricks.iter().copied().reduce(IVec3::min).unwrap_or_default();
-    let high = bricks.iter().copied().reduce(IVec3::max).unwrap_or_default();
-    let dims = (high - low).as_dvec3() + edge + 1.0;
-    let dims = dims.min(DVec3::splat(4e9)).as_u64vec3();
-    let needed_bytes = needed_bytes(dims, 0).saturating_add(brick_count.saturating_mul(8));
-    if needed_bytes > memory_limit_bytes {
-        let voxels = dims.saturating_mul(glam::U64Vec3::splat(BRICK_EDGE as u64));
-        return Err(GridError::OverMemory { voxels, brick_count, needed_bytes, limit_bytes: memory_limit_bytes });
-    }
-    let (far, dims) = (far as i32, dims.as_i64vec3());
-    let first = low - far;
-    let mut places: Vec<u64> = parallel::gather(bricks.len(), |n, places| {
-        for z in -far..=far {
-            for y in -far..=far {
-                for x in -far..=far {
-                    let p = (bricks[n] + IVec3::new(x, y, z) - first).as_i64vec3();
-                    places.push(((p.z * dims.y + p.y) * dims.x + p.x) as u64);
-                }
-            }
+/// Bricks of a lattice and the largest of each component of the velocity in them, up or down [m/s].
+type Speeds = HashMap<IVec3, [f32; 3]>;
+
+/// The bricks of `density` in which its mean over at most `longest` [s] may be above 0, in a fixed order: its own, and those from
+/// which some velocity in them leads to where there is density. What is fast in one place makes no more of others.
+fn reached(
+    density: &DensityGrid,
+    velocity: &VelocityGrid,
+    longest: f32,
+    memory_limit_bytes: u64,
+) -> Result<Vec<IVec3>, GridError> {
+    let own: HashSet<IVec3> = density.occupied_bricks().map(|(coord, _)| coord).collect();
+    let low = own.iter().copied().reduce(IVec3::min).unwrap_or_default();
+    let high = own.iter().copied().reduce(IVec3::max).unwrap_or_default();
+    let bricks_away = |speed: f32| brick_reach(speed * longest / density.voxel_size());
+    let far = bricks_away(velocity.max_speed());
+    let speeds = velocity.speeds(density, [low - far, high + far], memory_limit_bytes)?;
+    let leads_to_density = |(coord, speed): (&IVec3, &[f32; 3])| {
+        let away = bricks_away(velocity.factor.abs() * Vec3::from(*speed).length());
+        let is_near = |a: IVec3, b: IVec3| (a - b).abs().max_element() <= away;
+        if away > NEAR {
+            return is_near(*coord, coord.clamp(low, high)).then_some(*coord);
         }
-    });
-    parallel::sort(&mut places);
-    places.dedup();
-    let coord = |place: &u64| {
-        let place = *place as i64;
-        let p = glam::I64Vec3::new(place % dims.x, place / dims.x % dims.y, place / dims.x / dims.y);
-        first + p.as_ivec3()
+        let edge = -away..=away;
+        let mut round = edge.clone().flat_map(|z| edge.clone().map(move |y| (y, z)));
+        round.any(|(y, z)| edge.clone().any(|x| own.contains(&(*coord + IVec3::new(x, y, z))))).then_some(*coord)
     };
-    Ok(places.iter().map(coord).collect())
+    let mut coords: Vec<IVec3> = speeds.iter().filter_map(leads_to_density).filter(|c| !own.contains(c)).collect();
+    coords.extend(&own);
+    coords.sort_unstable_by_key(|coord| [coord.z, coord.y, coord.x]);
+    Ok(coords)
+}
+
+/// How many bricks away what is up to `reach` voxels away may be, and a voxel more, for what is interpolated.
+fn brick_reach(reach: f32) -> i32 {
+    // Beyond all grids, and small enough to be added to places in them.
+    ((reach + 1.0) / BRICK_EDGE as f32).ceil().min(MAX_COORDINATE as f32) as i32
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::Silent;
     use glam::UVec3;
 
     const H: f32 = 0.1;
@@ -153,7 +201,7 @@ mod tests {
         let density = grid([24, 24, 16], blob);
         let v = Vec3::new(4.0, -2.0, 0.5);
         for shutter in [[-0.1, 0.1], [0.0, 0.2], [-0.3, -0.1]] {
-            let made = blurred(&density, &even(v), shutter, 1 << 30).unwrap();
+            let made = blurred(&density, &even(v), shutter, 1 << 30, &Silent).unwrap();
             assert!((made.mass() / density.mass() - 1.0).abs() < 1e-3, "{shutter:?}");
             let mut worst = 0.0f32;
             for i in 0..4000 {
@@ -176,12 +224,12 @@ mod tests {
     #[test]
     fn what_does_not_move_keeps_its_bits() {
         let density = grid([24, 24, 16], blob);
-        assert_eq!(blurred(&density, &even(Vec3::ZERO), [-0.1, 0.1], 1 << 30).unwrap(), density);
+        assert_eq!(blurred(&density, &even(Vec3::ZERO), [-0.1, 0.1], 1 << 30, &Silent).unwrap(), density);
         // Velocities on the left only: on the right nothing changes.
         let left = |p: Vec3| if p.x < -0.3 { 3.0 } else { 0.0 };
         let none = grid([8, 8, 8], |_| 0.0);
         let parts = [[grid([64, 64, 32], left), none.clone()], [none.clone(), none.clone()], [none.clone(), none]];
-        let made = blurred(&density, &VelocityGrid::new(parts, 1.0), [-0.1, 0.1], 1 << 30).unwrap();
+        let made = blurred(&density, &VelocityGrid::new(parts, 1.0), [-0.1, 0.1], 1 << 30, &Silent).unwrap();
         let (mut same, mut other) = (0, 0);
         for i in 0..24 * 24 * 16 {
             let voxel = IVec3::new(i % 24, i / 24 % 24, i / 576);
@@ -193,10 +241,65 @@ mod tests {
         assert!(same > 300 && other > 100, "{same} {other}");
     }
 
+    /// Velocities to the right, on voxels four times as large as those of the density.
+    fn outliers(value: impl Fn(Vec3) -> f32 + Sync) -> VelocityGrid {
+        let none = grid([8, 8, 8], |_| 0.0);
+        let (dims, h) = (UVec3::new(64, 16, 16), 4.0 * H);
+        let fast =
+            DensityGrid::from_fn(WorldPoint(dims.as_vec3() * (-0.5 * h)), h, dims, 1 << 30, |p| value(p.0)).unwrap();
+        VelocityGrid::new([[fast, none.clone()], [none.clone(), none.clone()], [none.clone(), none]], 1.0)
+    }
+
     #[test]
-    fn speeds_beyond_all_memory_are_refused() {
+    fn a_few_voxels_that_are_fast_make_no_large_grid() {
         let density = grid([24, 24, 16], blob);
-        let error = blurred(&density, &even(Vec3::X * 1e9), [-1.0, 1.0], 1 << 30).unwrap_err();
-        assert!(matches!(error, GridError::OverMemory { .. }), "{error}");
+        let slow = |p: Vec3| if p.length() < 3.0 { 0.5 } else { 0.0 };
+        // Two corners of the velocities are absurd, as the edges of simulations are.
+        let absurd = |p: Vec3| if p.x.abs() > 12.4 && p.y > 2.8 && p.z > 2.8 { 1e6 } else { slow(p) };
+        let limit = 16 << 20;
+        for shutter in [[-0.1, 0.1], [0.0, 0.5]] {
+            let expected = blurred(&density, &outliers(slow), shutter, limit, &Silent).unwrap();
+            let made = blurred(&density, &outliers(absurd), shutter, limit, &Silent).unwrap();
+            for i in 0..64 * 48 * 32 {
+                let voxel = IVec3::new(i % 64 - 20, i / 64 % 48 - 12, i / 3072 - 8);
+                assert_eq!(made.voxel(voxel), expected.voxel(voxel), "{voxel}");
+            }
+            assert!((made.mass() / density.mass() - 1.0).abs() < 0.05);
+        }
+    }
+
+    #[test]
+    fn density_is_found_wherever_a_velocity_brings_it() {
+        // Alone far to the left, all that comes to the right is brought by what is fast there.
+        let density = grid([24, 24, 16], blob);
+        let right = |p: Vec3| if p.x > 8.0 { 100.0 } else { 0.0 };
+        let velocity = outliers(right);
+        let made = blurred(&density, &velocity, [0.05, 0.15], 64 << 20, &Silent).unwrap();
+        let (mut seen, h) = (0, f64::from(H));
+        for i in 0..120 * 24 * 16 {
+            let voxel = IVec3::new(i % 120, i / 120 % 24, i / 2880);
+            let value = mean(&density, &velocity, [0.05, 0.15], voxel);
+            assert_eq!(made.voxel(voxel), value, "{voxel}");
+            let x = density.origin().x + (f64::from(voxel.x) + 0.5) * h;
+            seen += i32::from(x > 8.5 && value > 0.0);
+        }
+        assert!(seen > 500, "{seen}");
+    }
+
+    #[test]
+    fn more_bricks_than_fit_are_refused_before_they_are_made_and_work_can_be_stopped() {
+        struct Stopped;
+        impl Progress for Stopped {
+            fn is_cancelled(&self) -> bool {
+                true
+            }
+        }
+        let density = grid([24, 24, 16], blob);
+        let wind = outliers(|_| 60.0);
+        let error = blurred(&density, &wind, [-0.1, 0.1], 2 << 20, &Silent).unwrap_err();
+        let GridError::OverMemory { needed_bytes, brick_count, .. } = error else { panic!("{error}") };
+        assert!(needed_bytes > 2 << 20 && brick_count > 1000, "{needed_bytes} {brick_count}");
+        let error = blurred(&density, &wind, [-0.1, 0.1], 1 << 30, &Stopped).unwrap_err();
+        assert_eq!(error, GridError::Cancelled);
     }
 }
