@@ -141,6 +141,7 @@ impl Error {
             self,
             Error::Cancelled
                 | Error::Geometry(GeometryError::Cancelled)
+                | Error::Grid(GridError::Cancelled)
                 | Error::Render(RenderError::Cancelled)
                 | Error::Particles(ParticlesError::Cancelled)
         )
@@ -174,7 +175,11 @@ fn output_exit_code(e: &OutputError) -> u8 {
 }
 
 fn grid_exit_code(e: &GridError) -> u8 {
-    if matches!(e, GridError::OverMemory { .. }) { 6 } else { 3 }
+    match e {
+        GridError::OverMemory { .. } => 6,
+        GridError::Cancelled => 1,
+        _ => 3,
+    }
 }
 
 fn geometry_exit_code(e: &GeometryError) -> u8 {
@@ -183,7 +188,10 @@ fn geometry_exit_code(e: &GeometryError) -> u8 {
         | GeometryError::Embree(EmbreeError::Load(_)) => 4,
         GeometryError::MeshFile { source: MeshFileError::Memory { .. }, .. }
         | GeometryError::Distance { source: MeshSdfError::Memory { .. }, .. } => 6,
-        GeometryError::MeshFile { .. } | GeometryError::Distance { .. } | GeometryError::Open { .. } => 3,
+        GeometryError::MeshFile { .. }
+        | GeometryError::Distance { .. }
+        | GeometryError::Animation { .. }
+        | GeometryError::Open { .. } => 3,
         GeometryError::Embree(_) | GeometryError::Cancelled => 1,
     }
 }

@@ -68,6 +68,26 @@ fn a_ball_that_moves_across_has_its_speed_and_all_that_rests_has_none() {
     assert!(last.iter().all(|v| *v == [0.0; 2]), "after the last key nothing moves");
 }
 
+#[test]
+fn points_of_a_ball_that_grows_go_outwards() {
+    let growing = BALL.replace("[-0.3, 0, 0]", "[0, 0, 0]").replace(
+        "motion: {interpolation: linear, keys: [{time: 0, translate: [0, 0, 0]}, {time: 1, translate: [0.6, 0.3, 0]}]}",
+        "transform: {scale: {1: 1, 3: 1.5, interpolation: linear}}",
+    );
+    let (film, mut seen) = (film(&scene(&growing), 1), 0);
+    let shapes = channel(&film, "shape_id");
+    for (i, ([x, y], shape)) in motion(&film).into_iter().zip(shapes).enumerate() {
+        let [u, v] = [(i % 64) as f32 - 31.5, (i / 64) as f32 - 19.5];
+        if shape != 1.0 || u.hypot(v) > 10.0 {
+            continue;
+        }
+        // A quarter larger by the next frame; places within a pixel differ by half of one.
+        assert!((x - 0.25 * u).abs() < 0.13 && (y - 0.25 * v).abs() < 0.13, "{u} {v}: {x} {y}");
+        seen += 1;
+    }
+    assert!(seen > 250, "{seen}");
+}
+
 /// Smoke in a wind of 0.5 m/s to the left and 0.25 m/s down, 10 frames a second and 16 pixels a metre.
 const WIND: &str = "
 frames: {first: 1, last: 11, fps: 10}

@@ -6,16 +6,24 @@
 //! lights and textures are the scene's business and passed over. The library parses; accessors are read here, within their bounds,
 //! as its own reader trusts files.
 
-use crate::geometry::mesh_file::Complaint;
+use crate::geometry::mesh_file::{Complaint, read_bytes};
 use crate::geometry::motion::Link;
 use crate::math::keys::{Interpolation, Keys, Turn};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
 use gltf::accessor::{DataType, Dimensions};
 use gltf::animation::{Interpolation as GltfInterpolation, Property};
+use gltf::json::{Root, validation::Checked};
+use std::cell::Cell;
+use std::collections::HashSet;
+use std::io::Read;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// How much single precision may make scales along axes differ that are the same.
 const SCALE_SLACK: f64 = 1e-4;
+
+/// Memory that each number of an accessor takes at the worst [bytes]: a double in a vector that grows, and what is made of it.
+const MEMORY_PER_NUMBER: u64 = 32;
 
 /// A body as a file has it.
 pub struct GltfBody {
@@ -35,14 +43,17 @@ fn fault<T>(reason: impl Into<String>) -> Fault<T> {
     Err(Complaint::new(None, reason))
 }
 
-/// The files beside a .gltf file that hold its buffers; none of what cannot be read, which reading it tells.
-pub fn buffer_files(path: &Path) -> Vec<PathBuf> {
-    let document = std::fs::read(path).ok().and_then(|bytes| gltf::Gltf::from_slice(&bytes).ok());
-    let uris = document.iter().flat_map(|document| document.buffers()).filter_map(|buffer| match buffer.source() {
-        gltf::buffer::Source::Uri(uri) if !uri.starts_with("data:") => Some(beside(path, uri)),
-        _ => None,
-    });
-    uris.collect()
+/// The files beside a .glb or .gltf file that hold its buffers; none of what cannot be read within `memory_limit` bytes, which
+/// reading it tells.
+pub fn buffer_files(path: &Path, memory_limit: u64) -> Vec<PathBuf> {
+    let root = read_bytes(path, memory_limit).ok().and_then(|bytes| unchecked(&bytes).ok());
+    let uris = root.iter().flat_map(|(root, _)| &root.buffers).filter_map(|buffer| buffer.uri.as_deref());
+    uris.filter(|uri| !uri.starts_with("data:")).map(|uri| beside(path, uri)).collect()
+}
+
+/// Whether the name of a file says that it is one of those that are read here.
+pub fn is_gltf(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
 }
 
 fn beside(path: &Path, uri: &str) -> PathBuf {
@@ -57,46 +68,47 @@ pub(in crate::geometry) fn parse_gltf(
     node: Option<&str>,
     memory_limit: u64,
 ) -> Fault<GltfBody> {
-    let gltf::Gltf { document, blob } =
-        gltf::Gltf::from_slice(bytes).map_err(|e| Complaint::new(None, e.to_string()))?;
+    // The library trusts much of what is in files. All of it that is known is checked before; this is for the rest.
+    catch_unwind(AssertUnwindSafe(|| parse(bytes, path, node, memory_limit)))
+        .unwrap_or_else(|_| fault("the library that reads glTF fails at this file, which is malformed; export it anew"))
+}
+
+fn parse(bytes: &[u8], path: &Path, node: Option<&str>, memory_limit: u64) -> Fault<GltfBody> {
+    let (document, blob) = checked_document(bytes)?;
     if let Some(extension) = document.extensions_required().next() {
         return fault(format!("needs the extension {extension}, which is not read; export it without"));
     }
-    let file = File { buffers: buffers(&document, blob, path, memory_limit)?, document: &document };
+    let (buffers, left) = buffers(&document, blob, path, memory_limit)?;
+    let file = File { buffers, document: &document, left: Cell::new(left), memory_limit };
     let tree = NodeTree::of(&document)?;
     let channels = file.channels()?;
-    let chosen = tree.chosen(&document, node)?;
+    let is_chosen = tree.chosen(&document, node)?;
+    let carried = tree.carried(&document, &channels)?;
     let mut carrier: Option<(Option<usize>, String)> = None;
     let mut body = GltfBody { positions: Vec::new(), normals: Vec::new(), triangles: Vec::new(), links: Vec::new() };
-    let (mut needed, mut bare) = (0u64, false);
-    for at in chosen {
+    let mut bare = false;
+    for at in (0..is_chosen.len()).filter(|&at| is_chosen[at]) {
         let node = tree.node(&document, at)?;
         let Some(mesh) = node.mesh() else { continue };
         let name = called(&node);
         if node.skin().is_some() {
             return fault(format!("{name} is bent by a skin, which is not read; bake it to a mesh"));
         }
-        let chain = tree.chain(at);
-        let moving = chain.iter().rposition(|at| channels.iter().any(|channel| channel.node == *at));
-        let own = moving.map(|i| chain[i]);
+        let Carried { by, placed } = &carried[at];
         match &carrier {
-            Some((other, first)) if *other != own => {
+            Some((other, first)) if other != by => {
                 return fault(format!("{first} and {name} move apart; choose one of them with `node`"));
             }
             Some(_) => {}
             None => {
-                carrier = Some((own, name.clone()));
-                let moved = &chain[..moving.map_or(0, |i| i + 1)];
+                carrier = Some((*by, name.clone()));
+                let moved = by.map_or(Vec::new(), |by| tree.chain(by));
                 body.links =
-                    moved.iter().map(|at| link(&tree.node(&document, *at)?, *at, &channels)).collect::<Fault<_>>()?;
+                    moved.iter().map(|at| link(&tree.node(&document, *at)?, &channels[*at])).collect::<Fault<_>>()?;
             }
         }
-        // What is inside of the last that moves stands still in it.
-        let still = &chain[moving.map_or(0, |i| i + 1)..];
-        let matrices = still.iter().map(|at| Ok(matrix(&tree.node(&document, *at)?)));
-        let placed = matrices.collect::<Fault<Vec<_>>>()?.into_iter().fold(DMat4::IDENTITY, |all, own| all * own);
         for primitive in mesh.primitives() {
-            bare |= file.add(&primitive, &placed, &name, &mut body, &mut needed, memory_limit)?;
+            bare |= file.add(&primitive, placed, &name, &mut body)?;
         }
     }
     if bare {
@@ -104,6 +116,43 @@ pub(in crate::geometry) fn parse_gltf(
         body.normals.clear();
     }
     Ok(body)
+}
+
+/// What a file says, be it so or not, and the buffer inside of it.
+fn unchecked(bytes: &[u8]) -> Fault<(Root, Option<Vec<u8>>)> {
+    // The library takes the length of the head from that of the whole.
+    if bytes.starts_with(b"glTF") && bytes.get(8..12).is_some_and(|length| length[0] < 12 && length[1..] == [0; 3]) {
+        return fault("says that it is shorter than its own head; export it anew");
+    }
+    let gltf = gltf::Gltf::from_slice_without_validation(bytes).map_err(|e| Complaint::new(None, e.to_string()))?;
+    Ok((gltf.document.into_json(), gltf.blob))
+}
+
+/// What a file says, and the buffer inside of it, where all that the library looks up without asking is there.
+fn checked_document(bytes: &[u8]) -> Fault<(gltf::Document, Option<Vec<u8>>)> {
+    let (root, blob) = unchecked(bytes)?;
+    for (i, mesh) in root.meshes.iter().enumerate() {
+        let attributes = mesh.primitives.iter().flat_map(|primitive| primitive.attributes.values());
+        if let Some(index) = attributes.map(|index| index.value()).find(|index| *index >= root.accessors.len()) {
+            let count = root.accessors.len();
+            return fault(format!("mesh {i} asks for accessor {index}, of {count} (counting from 0); export it anew"));
+        }
+    }
+    for (i, animation) in root.animations.iter().enumerate() {
+        for channel in &animation.channels {
+            let (node, count) = (channel.target.node.value(), root.nodes.len());
+            if node >= count {
+                return fault(format!("animation {i} moves node {node}, of {count} (counting from 0); export it anew"));
+            }
+            if matches!(channel.target.path, Checked::Invalid) {
+                return fault(format!(
+                    "animation {i} moves what no node has; known are translation, rotation and scale"
+                ));
+            }
+        }
+    }
+    let document = gltf::Document::from_json(root).map_err(|e| Complaint::new(None, e.to_string()))?;
+    Ok((document, blob))
 }
 
 fn called(node: &gltf::Node) -> String {
@@ -114,7 +163,13 @@ fn matrix(node: &gltf::Node) -> DMat4 {
     DMat4::from_cols_array_2d(&node.transform().matrix().map(|column| column.map(f64::from)))
 }
 
-fn buffers(document: &gltf::Document, blob: Option<Vec<u8>>, path: &Path, memory_limit: u64) -> Fault<Vec<Vec<u8>>> {
+/// All buffers, and how much of the memory they leave [bytes].
+fn buffers(
+    document: &gltf::Document,
+    blob: Option<Vec<u8>>,
+    path: &Path,
+    memory_limit: u64,
+) -> Fault<(Vec<Vec<u8>>, u64)> {
     let mut blob = blob;
     let mut left = memory_limit;
     let mut all = Vec::new();
@@ -124,15 +179,7 @@ fn buffers(document: &gltf::Document, blob: Option<Vec<u8>>, path: &Path, memory
             gltf::buffer::Source::Uri(uri) if uri.starts_with("data:") => {
                 return fault("has a buffer inside of its text (data:), which is not read; save it as .glb");
             }
-            gltf::buffer::Source::Uri(uri) => {
-                let file = beside(path, uri);
-                let unreadable = |e: std::io::Error| Complaint::new(None, format!("{}: {e}", file.display()));
-                let size = std::fs::metadata(&file).map_err(unreadable)?.len();
-                if size > left {
-                    return fault(format!("{}: {size} bytes are more than the limit of memory leaves", file.display()));
-                }
-                std::fs::read(&file).map_err(unreadable)?
-            }
+            gltf::buffer::Source::Uri(uri) => read_buffer(&beside(path, uri), left)?,
         };
         if bytes.len() < buffer.length() {
             let (found, index) = (bytes.len(), buffer.index());
@@ -141,40 +188,76 @@ fn buffers(document: &gltf::Document, blob: Option<Vec<u8>>, path: &Path, memory
         left = left.saturating_sub(bytes.len() as u64);
         all.push(bytes);
     }
-    Ok(all)
+    Ok((all, left))
+}
+
+/// A file of at most `left` bytes.
+fn read_buffer(file: &Path, left: u64) -> Fault<Vec<u8>> {
+    let unreadable = |e: std::io::Error| Complaint::new(None, format!("{}: {e}", file.display()));
+    let data = std::fs::metadata(file).map_err(unreadable)?;
+    // To open a pipe waits for its other end, and devices may have no end.
+    if !data.is_file() {
+        return fault(format!("{}: it is no regular file", file.display()));
+    }
+    let mut bytes = Vec::new();
+    if data.len() <= left {
+        let file = std::fs::File::open(file).map_err(unreadable)?;
+        file.take(left.saturating_add(1)).read_to_end(&mut bytes).map_err(unreadable)?;
+    }
+    let size = data.len().max(bytes.len() as u64);
+    if size > left {
+        return fault(format!(
+            "{}: {size} bytes are more than the {left} that the limit of memory leaves",
+            file.display()
+        ));
+    }
+    Ok(bytes)
 }
 
 /// Who is inside of whom.
 struct NodeTree {
     parents: Vec<Option<usize>>,
+    /// All nodes, each after the one that it is inside of.
+    order: Vec<usize>,
+}
+
+/// How a node is in the space of what moves it.
+struct Carried {
+    /// The innermost node that moves and is it or around it.
+    by: Option<usize>,
+    /// Where it is in that node's space.
+    placed: DMat4,
 }
 
 impl NodeTree {
     fn of(document: &gltf::Document) -> Fault<Self> {
-        let mut parents = vec![None; document.nodes().len()];
+        let count = document.nodes().len();
+        let mut tree = Self { parents: vec![None; count], order: Vec::with_capacity(count) };
         for node in document.nodes() {
             for child in node.children() {
-                if parents[child.index()].replace(node.index()).is_some() {
+                if tree.parents[child.index()].replace(node.index()).is_some() {
                     return fault(format!("{} is inside of two nodes", called(&child)));
                 }
             }
         }
-        let tree = Self { parents };
-        // A way up that does not end goes round.
-        match (0..tree.parents.len()).find(|&at| tree.ancestors(at).count() > tree.parents.len()) {
-            Some(at) => fault(format!("node {at} is inside of itself")),
+        tree.order.extend((0..count).filter(|&at| tree.parents[at].is_none()));
+        let mut is_reached = vec![false; count];
+        let mut next = 0;
+        while let Some(&at) = tree.order.get(next) {
+            is_reached[at] = true;
+            tree.order.extend(tree.node(document, at)?.children().map(|child| child.index()));
+            next += 1;
+        }
+        // What no way down leads to goes round, or is inside of what does.
+        match is_reached.iter().position(|is_reached| !is_reached) {
+            Some(at) => fault(format!("node {at}, or one that it is in, is inside of itself")),
             None => Ok(tree),
         }
     }
 
-    /// A node and those that it is inside of, as many as there are nodes and one more where they go round.
-    fn ancestors(&self, at: usize) -> impl Iterator<Item = usize> {
-        std::iter::successors(Some(at), |at| self.parents[*at]).take(self.parents.len() + 1)
-    }
-
     /// The nodes that one is inside of, the outermost first, and itself.
     fn chain(&self, at: usize) -> Vec<usize> {
-        let mut chain: Vec<usize> = self.ancestors(at).collect();
+        let mut chain: Vec<usize> = std::iter::successors(Some(at), |at| self.parents[*at]).collect();
         chain.reverse();
         chain
     }
@@ -183,33 +266,49 @@ impl NodeTree {
         document.nodes().nth(at).ok_or_else(|| Complaint::new(None, format!("there is no node {at}")))
     }
 
-    /// The nodes to look for triangles in: of the default scene, or one by name and what is inside of it.
-    fn chosen(&self, document: &gltf::Document, name: Option<&str>) -> Fault<Vec<usize>> {
-        let tops: Vec<usize> = match name {
+    /// Of each node whether to look for triangles in it: those of the default scene, or one by name and what is inside of it.
+    fn chosen(&self, document: &gltf::Document, name: Option<&str>) -> Fault<Vec<bool>> {
+        let mut is_chosen = vec![false; self.parents.len()];
+        match name {
             Some(name) => {
-                let tops: Vec<usize> =
-                    document.nodes().filter(|node| node.name() == Some(name)).map(|node| node.index()).collect();
-                if tops.is_empty() {
+                for node in document.nodes().filter(|node| node.name() == Some(name)) {
+                    is_chosen[node.index()] = true;
+                }
+                if !is_chosen.contains(&true) {
                     let names: Vec<&str> = document.nodes().filter_map(|node| node.name()).take(20).collect();
                     return fault(format!("has no node `{name}`; there are: {}", names.join(", ")));
                 }
-                tops
             }
             None => match document.default_scene().or_else(|| document.scenes().next()) {
-                Some(scene) => scene.nodes().map(|node| node.index()).collect(),
-                None => (0..self.parents.len()).filter(|&at| self.parents[at].is_none()).collect(),
+                Some(scene) => scene.nodes().for_each(|node| is_chosen[node.index()] = true),
+                None => is_chosen.fill(true),
             },
-        };
-        Ok((0..self.parents.len()).filter(|&at| self.ancestors(at).any(|above| tops.contains(&above))).collect())
+        }
+        for &at in &self.order {
+            is_chosen[at] |= self.parents[at].is_some_and(|parent| is_chosen[parent]);
+        }
+        Ok(is_chosen)
+    }
+
+    /// What carries each node; `channels` are those of each.
+    fn carried(&self, document: &gltf::Document, channels: &[Vec<Course>]) -> Fault<Vec<Carried>> {
+        let mut carried: Vec<Carried> =
+            self.parents.iter().map(|_| Carried { by: None, placed: DMat4::IDENTITY }).collect();
+        for &at in &self.order {
+            // What is inside of the last that moves stands still in it.
+            if !channels[at].is_empty() {
+                carried[at].by = Some(at);
+                continue;
+            }
+            let own = matrix(&self.node(document, at)?);
+            let (by, outer) = self.parents[at].map_or((None, DMat4::IDENTITY), |p| (carried[p].by, carried[p].placed));
+            carried[at] = Carried { by, placed: outer * own };
+        }
+        Ok(carried)
     }
 }
 
 /// What animates a property of a node.
-struct Channel {
-    node: usize,
-    course: Course,
-}
-
 enum Course {
     Translation(Keys<DVec3>),
     Rotation(Keys<Turn>),
@@ -217,7 +316,7 @@ enum Course {
 }
 
 /// The space of a node over time.
-fn link(node: &gltf::Node, at: usize, channels: &[Channel]) -> Fault<Link> {
+fn link(node: &gltf::Node, channels: &[Course]) -> Fault<Link> {
     let (translation, rotation, scale) = node.transform().decomposed();
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
     let own = matrix(node);
@@ -232,8 +331,8 @@ fn link(node: &gltf::Node, at: usize, channels: &[Channel]) -> Fault<Link> {
         scale: Keys::constant(1.0),
     };
     let mut scales = false;
-    for channel in channels.iter().filter(|channel| channel.node == at) {
-        match &channel.course {
+    for course in channels {
+        match course {
             Course::Translation(keys) => link.translation = keys.clone(),
             Course::Rotation(keys) => link.turn = keys.clone(),
             Course::Scale(keys) => (link.scale, scales) = (keys.clone(), true),
@@ -262,12 +361,28 @@ fn even_scale(scale: DVec3, name: &str) -> Fault<f64> {
 struct File<'a> {
     document: &'a gltf::Document,
     buffers: Vec<Vec<u8>>,
+    /// Memory that is left for what is read from them [bytes].
+    left: Cell<u64>,
+    memory_limit: u64,
 }
 
 impl File<'_> {
-    /// All animations of the file; they play together.
-    fn channels(&self) -> Fault<Vec<Channel>> {
-        let mut channels: Vec<Channel> = Vec::new();
+    /// Takes of the memory what `count` numbers need.
+    fn reserve(&self, count: u64) -> Fault<()> {
+        let Some(left) = self.left.get().checked_sub(count.saturating_mul(MEMORY_PER_NUMBER)) else {
+            let limit = self.memory_limit;
+            return fault(format!(
+                "its numbers need more than the memory limit of {limit} bytes; raise render.memory_limit_gib"
+            ));
+        };
+        self.left.set(left);
+        Ok(())
+    }
+
+    /// All animations of the file, which play together: those of each node.
+    fn channels(&self) -> Fault<Vec<Vec<Course>>> {
+        let mut channels: Vec<Vec<Course>> = self.document.nodes().map(|_| Vec::new()).collect();
+        let mut known = HashSet::new();
         for channel in self.document.animations().flat_map(|animation| animation.channels()) {
             let (target, sampler) = (channel.target(), channel.sampler());
             let (node, name) = (target.node().index(), called(&target.node()));
@@ -312,30 +427,24 @@ impl File<'_> {
                 }
                 _ => {
                     let keys = keys().map(|(time, v)| Ok((time, even_scale(vector(v), &name)?)));
-                    Course::Scale(Keys::new(keys.collect::<Fault<_>>()?, interpolation, false))
+                    let keys = keys.collect::<Fault<Vec<(f64, f64)>>>()?;
+                    // Programs write keys for what stays the same, and round them.
+                    let first = keys[0].1;
+                    let grows = keys.iter().any(|(_, scale)| (scale / first - 1.0).abs() > SCALE_SLACK);
+                    let growth = || Keys::new(keys, interpolation, false);
+                    Course::Scale(if grows { growth() } else { Keys::constant(first) })
                 }
             };
-            let is_same = |known: &Channel| {
-                known.node == node && std::mem::discriminant(&known.course) == std::mem::discriminant(&course)
-            };
-            if channels.iter().any(is_same) {
+            if !known.insert((node, std::mem::discriminant(&course))) {
                 return fault(format!("two animations move {name}; keep one of them"));
             }
-            channels.push(Channel { node, course });
+            channels[node].push(course);
         }
         Ok(channels)
     }
 
     /// Adds triangles, placed in the space of the body; whether they have no normals.
-    fn add(
-        &self,
-        primitive: &gltf::Primitive,
-        placed: &DMat4,
-        name: &str,
-        body: &mut GltfBody,
-        needed: &mut u64,
-        memory_limit: u64,
-    ) -> Fault<bool> {
+    fn add(&self, primitive: &gltf::Primitive, placed: &DMat4, name: &str, body: &mut GltfBody) -> Fault<bool> {
         if primitive.mode() != gltf::mesh::Mode::Triangles {
             return fault(format!("{name} is made of {:?}; only plain triangles are read", primitive.mode()));
         }
@@ -345,16 +454,13 @@ impl File<'_> {
         let Some(positions) = primitive.get(&gltf::Semantic::Positions) else {
             return fault(format!("{name} has no positions"));
         };
-        let index_count = primitive.indices().map_or(positions.count(), |indices| indices.count());
-        // Doubles while they are read, vectors that grow, and what is made of them.
-        *needed = needed.saturating_add(96 * (positions.count() as u64).saturating_add(index_count as u64));
-        if *needed > memory_limit {
-            return fault(format!("{name} and those before need more than the memory limit of {memory_limit} bytes"));
-        }
         let first = body.positions.len() as u32;
         let corners: Vec<u32> = match primitive.indices() {
             Some(indices) => self.numbers(&indices, 1)?.into_iter().map(|i| i as u32).collect(),
-            None => (0..positions.count() as u32).collect(),
+            None => {
+                self.reserve(positions.count() as u64)?;
+                (0..positions.count() as u32).collect()
+            }
         };
         let positions = self.numbers(&positions, 3)?;
         let count = positions.len() / 3;
@@ -423,6 +529,7 @@ impl File<'_> {
             DataType::U8 => share(f64::from(b[0]), 255.0),
             DataType::I8 => share(f64::from(b[0] as i8), 127.0),
         };
+        self.reserve((accessor.count() as u64).saturating_mul(width as u64))?;
         let items = (0..accessor.count()).map(|i| &view[accessor.offset() + i * stride..][..item]);
         Ok(items.flat_map(|item| item.chunks_exact(size)).map(number).collect())
     }

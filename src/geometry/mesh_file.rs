@@ -107,11 +107,16 @@ pub fn read_body(path: &Path, node: Option<&str>, memory_limit: u64) -> Result<(
     Ok((mesh.map_err(|source| MeshFileError::Invalid { path: path.into(), source })?, links))
 }
 
-fn read_bytes(path: &Path, memory_limit: u64) -> Result<Vec<u8>, MeshFileError> {
+/// Reads a file from which a mesh can be made within `memory_limit` bytes.
+pub(in crate::geometry) fn read_bytes(path: &Path, memory_limit: u64) -> Result<Vec<u8>, MeshFileError> {
     let unreadable = |source: std::io::Error| match source.kind() {
         ErrorKind::NotFound => MeshFileError::NotFound { path: path.into() },
         _ => MeshFileError::Unreadable { path: path.into(), source },
     };
+    // To open a pipe waits for its other end, perhaps for ever.
+    if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err(unreadable(std::io::Error::new(ErrorKind::InvalidInput, "it is no regular file")));
+    }
     let file = std::fs::File::open(path).map_err(unreadable)?;
     let over = |size: u64| {
         let needed = size.saturating_mul(MEMORY_PER_BYTE);

@@ -87,6 +87,20 @@ pub enum GeometryError {
         /// What is wrong.
         source: MeshSdfError,
     },
+    /// A file lets a shape move as a shape that carries something must not.
+    #[error("{place}{file}: its animation lets `{name}` {what}; {advice}")]
+    Animation {
+        /// Where the scene names it.
+        place: Box<PlaceInScene>,
+        /// The file, as the scene names it.
+        file: String,
+        /// Key of the shape in the scene.
+        name: String,
+        /// What it does, and why it must not.
+        what: &'static str,
+        /// What to do.
+        advice: &'static str,
+    },
     /// What should be filled has holes.
     #[error("the mesh `{name}` is not closed, so that nothing is inside of it: it has {report}")]
     Open {
@@ -228,6 +242,7 @@ impl Geometry {
     ) -> Result<(Shape, Vec<Link>), GeometryError> {
         let limit = memory_limit(scene);
         let (mesh, links, warning) = read(scene, name, settings)?;
+        check_course(scene, name, &settings.file, &links)?;
         self.warnings.extend(warning);
         // It rests where it is at the first of all keys.
         let inner = links.iter().rev().fold(Placement::IDENTITY, |inner, link| inner.within(&link.first()));
@@ -335,8 +350,7 @@ fn read(
 ) -> Result<(Mesh, Vec<Link>, Option<String>), GeometryError> {
     let place = place(scene, name, "file");
     let (path, limit) = (scene.resolve(&settings.file), memory_limit(scene));
-    let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
-    let found = if is_gltf {
+    let found = if gltf_file::is_gltf(&path) {
         read_body(&path, settings.node.as_deref(), limit)
     } else {
         read_mesh(&path, limit).map(|mesh| (mesh, Vec::new()))
@@ -349,6 +363,29 @@ fn read(
     let matters = needs_distance(scene, name) || report.was_inside_out || report.degenerate_triangles > 0;
     let warning = (!report.is_clean() && matters).then(|| format!("warning: {place}{} has {report}", settings.file));
     Ok((mesh, links, warning))
+}
+
+/// An error where the course that a file has for a shape is none for what the shape carries: as `transform` of the scene is checked.
+fn check_course(scene: &Scene, name: &str, file: &str, links: &[Link]) -> Result<(), GeometryError> {
+    let (what, advice) = if !scene.settings.carries(name) {
+        return Ok(());
+    } else if links.iter().any(|link| link.scale.varies()) {
+        let what = "grow, and a shape that guides the flow, holds a volume or lets particles start cannot";
+        (what, "remove the keys of scale from the file")
+    } else if links.iter().any(|link| link.translation.jumps() || link.turn.jumps()) {
+        let what = "jump, and a shape that guides the flow, holds a volume or lets particles start cannot, as its speed \
+                    would be infinite";
+        (what, "export the keys as linear ones (`LINEAR`), not in steps")
+    } else {
+        return Ok(());
+    };
+    Err(GeometryError::Animation {
+        place: place(scene, name, "file"),
+        file: file.into(),
+        name: name.into(),
+        what,
+        advice,
+    })
 }
 
 fn place(scene: &Scene, name: &str, key: &str) -> Box<PlaceInScene> {
@@ -385,16 +422,8 @@ fn scale_of(scene: &Scene, name: &str) -> f64 {
 
 /// Whether the flow, or what flows on it, needs the distance of a shape.
 pub fn needs_distance(scene: &Scene, name: &str) -> bool {
-    let flow = &scene.settings.flow;
-    if scene.settings.shapes.get(name).is_some_and(|shape| shape.surface_flow.is_some()) {
-        return true;
-    }
-    let is_mask = |mask: &settings::Mask| match mask {
-        settings::Mask::Shape(mask) => mask.name == name,
-        settings::Mask::Wake(mask) => mask.shape == name,
-        _ => false,
-    };
-    flow.minds(name) || flow.potentials.iter().flat_map(|p| p.masks()).any(is_mask)
+    let has_flow = scene.settings.shapes.get(name).is_some_and(|shape| shape.surface_flow.is_some());
+    has_flow || scene.settings.guides_flow(name)
 }
 
 fn memory_limit(scene: &Scene) -> u64 {

@@ -7,11 +7,17 @@
 //! Many programs store velocities only where smoke is, and smoke drifts beyond. Where neither is stored, the velocity is the mean of
 //! the smoke nearby, weighted by mass, in cubes that grow until they hold some.
 
-use crate::grid::{BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, local_voxel, needed_bytes};
+use crate::grid::{
+    BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, brick_box, check_memory, local_voxel, needed_bytes,
+};
 use crate::math::parallel;
 use crate::math::space::WorldPoint;
+use crate::progress::Progress;
 use glam::{DVec3, IVec3, Vec3};
 use std::collections::BTreeMap;
+
+/// Bricks between two looks at whether to stop.
+const BRICKS_AT_ONCE: usize = 1024;
 
 /// Most midpoints of a voxel; longer ways than 256 voxels become dotted.
 const SAMPLES_MAX: u32 = 512;
@@ -48,12 +54,13 @@ impl VelocityGrid {
 /// The mean of `density` over the times of `shutter`, relative to the frame [s]. The grid grows by as much as the fastest goes.
 ///
 /// # Errors
-/// [`GridError::OverMemory`] before anything large is allocated, and where velocities reach too far.
+/// [`GridError::OverMemory`] before anything large is allocated, and where velocities reach too far; [`GridError::Cancelled`].
 pub fn blurred(
     density: &DensityGrid,
     velocity: &VelocityGrid,
     shutter: [f64; 2],
     memory_limit_bytes: u64,
+    progress: &dyn Progress,
 ) -> Result<DensityGrid, GridError> {
     let h = density.voxel_size();
     let longest = shutter[0].abs().max(shutter[1].abs()) as f32;
@@ -64,13 +71,21 @@ pub fn blurred(
     let occupied: Vec<IVec3> = density.occupied_bricks().map(|(coord, _)| coord).collect();
     let coords = dilated(&occupied, reach, memory_limit_bytes)?;
     let nearby = Nearby::new(density, velocity, reach);
+    let (_, dims) = brick_box(&coords)?;
+    let held = coords.len() * (size_of::<BrickValues>() + size_of::<IVec3>());
+    check_memory(dims, coords.len() as u64, held as u64, memory_limit_bytes)?;
     let mut values: Vec<BrickValues> = vec![[0.0; BRICK_VOXELS]; coords.len()];
-    parallel::for_each_mut(&mut values, |n, brick| {
-        for (i, value) in brick.iter_mut().enumerate() {
-            let voxel = coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
-            *value = mean(density, velocity, &nearby, shutter, voxel);
+    for (coords, values) in coords.chunks(BRICKS_AT_ONCE).zip(values.chunks_mut(BRICKS_AT_ONCE)) {
+        if progress.is_cancelled() {
+            return Err(GridError::Cancelled);
         }
-    });
+        parallel::for_each_mut(values, |n, brick| {
+            for (i, value) in brick.iter_mut().enumerate() {
+                let voxel = coords[n] * BRICK_EDGE as i32 + local_voxel(i).as_ivec3();
+                *value = mean(density, velocity, &nearby, shutter, voxel);
+            }
+        });
+    }
     DensityGrid::from_bricks(density.origin(), h, &coords, &values, memory_limit_bytes)
 }
 
@@ -204,6 +219,7 @@ fn dilated(bricks: &[IVec3], reach: f32, memory_limit_bytes: u64) -> Result<Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::Silent;
     use glam::UVec3;
 
     const H: f32 = 0.1;
@@ -227,7 +243,7 @@ mod tests {
         let density = grid([24, 24, 16], blob);
         let v = Vec3::new(4.0, -2.0, 0.5);
         for shutter in [[-0.1, 0.1], [0.0, 0.2], [-0.3, -0.1]] {
-            let made = blurred(&density, &even(v), shutter, 1 << 30).unwrap();
+            let made = blurred(&density, &even(v), shutter, 1 << 30, &Silent).unwrap();
             assert!((made.mass() / density.mass() - 1.0).abs() < 1e-3, "{shutter:?}");
             let mut worst = 0.0f32;
             for i in 0..4000 {
@@ -250,12 +266,12 @@ mod tests {
     #[test]
     fn what_does_not_move_keeps_its_bits() {
         let density = grid([24, 24, 16], blob);
-        assert_eq!(blurred(&density, &even(Vec3::ZERO), [-0.1, 0.1], 1 << 30).unwrap(), density);
+        assert_eq!(blurred(&density, &even(Vec3::ZERO), [-0.1, 0.1], 1 << 30, &Silent).unwrap(), density);
         // Velocities on the left only: on the right nothing changes.
         let left = |p: Vec3| if p.x < -0.3 { 3.0 } else { 0.0 };
         let none = grid([8, 8, 8], |_| 0.0);
         let parts = [[grid([64, 64, 32], left), none.clone()], [none.clone(), none.clone()], [none.clone(), none]];
-        let made = blurred(&density, &VelocityGrid::new(parts, 1.0), [-0.1, 0.1], 1 << 30).unwrap();
+        let made = blurred(&density, &VelocityGrid::new(parts, 1.0), [-0.1, 0.1], 1 << 30, &Silent).unwrap();
         let (mut same, mut other) = (0, 0);
         for i in 0..24 * 24 * 16 {
             let voxel = IVec3::new(i % 24, i / 24 % 24, i / 576);
@@ -270,7 +286,23 @@ mod tests {
     #[test]
     fn speeds_beyond_all_memory_are_refused() {
         let density = grid([24, 24, 16], blob);
-        let error = blurred(&density, &even(Vec3::X * 1e9), [-1.0, 1.0], 1 << 30).unwrap_err();
+        let error = blurred(&density, &even(Vec3::X * 1e9), [-1.0, 1.0], 1 << 30, &Silent).unwrap_err();
         assert!(matches!(error, GridError::OverMemory { .. }), "{error}");
+    }
+
+    #[test]
+    fn more_bricks_than_fit_are_refused_before_they_are_made_and_work_can_be_stopped() {
+        struct Stopped;
+        impl Progress for Stopped {
+            fn is_cancelled(&self) -> bool {
+                true
+            }
+        }
+        let density = grid([24, 24, 16], blob);
+        let wind = even(Vec3::X * 60.0);
+        let error = blurred(&density, &wind, [-0.1, 0.1], 12 << 20, &Silent).unwrap_err();
+        assert!(matches!(error, GridError::OverMemory { needed_bytes, .. } if needed_bytes > 12 << 20), "{error}");
+        let error = blurred(&density, &wind, [-0.1, 0.1], 1 << 30, &Stopped).unwrap_err();
+        assert_eq!(error, GridError::Cancelled);
     }
 }

@@ -96,6 +96,9 @@ pub enum GridError {
     /// Arrays that describe the same particles have different lengths.
     #[error("the particle arrays have different lengths: {0} and {1}")]
     Lengths(usize, usize),
+    /// The caller asked to stop.
+    #[error("stopped while making a grid")]
+    Cancelled,
 }
 
 /// Density on a sparse set of voxels; see the module for where voxels sit.

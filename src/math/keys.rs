@@ -52,6 +52,14 @@ impl<T: Between + Clone> Keys<T> {
         self.keys.len() > 1
     }
 
+    /// Whether it jumps from a key to the next.
+    pub fn jumps(&self) -> bool
+    where
+        T: PartialEq,
+    {
+        self.interpolation == Interpolation::Step && self.keys.windows(2).any(|pair| pair[0].1 != pair[1].1)
+    }
+
     /// The value at the first key.
     pub fn first(&self) -> &T {
         &self.keys[0].1

@@ -1,9 +1,9 @@
 //! What tells whether a frame on disk was made from this very scene and the files that it names.
 
 use crate::error::Error;
-use crate::geometry::gltf_file::buffer_files;
+use crate::geometry::gltf_file::{buffer_files, is_gltf};
 use crate::output::sidecar;
-use crate::pipeline::parse_pattern;
+use crate::pipeline::{memory_limit, parse_pattern};
 use crate::render::film::PixelBounds;
 use crate::scene::{Scene, settings};
 use std::path::{Path, PathBuf};
@@ -62,9 +62,9 @@ impl InputHash {
 /// Meshes that a scene names.
 pub(super) fn mesh_files(scene: &Scene) -> Vec<PathBuf> {
     let meshes = scene.settings.shapes.values().filter_map(|shape| Some(scene.resolve(&shape.mesh.as_ref()?.file)));
+    let limit = memory_limit(scene);
     let with_buffers = |path: PathBuf| {
-        let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
-        let buffers = if is_gltf { buffer_files(&path) } else { Vec::new() };
+        let buffers = if is_gltf(&path) { buffer_files(&path, limit) } else { Vec::new() };
         buffers.into_iter().chain([path])
     };
     meshes.flat_map(with_buffers).collect()

@@ -121,7 +121,7 @@ impl DensityFiles {
         match &self.settings.velocity {
             Some(name) if frames.shutter != [0.0; 2] => {
                 let left = limit.saturating_sub(smoke.memory_bytes());
-                timed(progress, Stage::Grid, record, 0, || self.blurred(smoke, &path, name, frames, left))
+                timed(progress, Stage::Grid, record, 0, || self.blurred(smoke, &path, name, frames, left, progress))
                     .map_err(|e| in_scene(scene, &format!("{file_key}.velocity"), Some(frame), e))
             }
             _ => Ok(smoke),
@@ -136,6 +136,7 @@ impl DensityFiles {
         name: &str,
         frames: &settings::Frames,
         limit: u64,
+        progress: &dyn Progress,
     ) -> Result<FrameSmoke, Error> {
         let factor = match self.settings.velocity_units {
             settings::VelocityUnits::Second => 1.0,
@@ -143,7 +144,7 @@ impl DensityFiles {
         };
         let velocity = VelocityGrid::new(vdb::read_vector_grid(path, name, limit)?, factor);
         let shutter = frames.shutter.map(|share| share / frames.fps);
-        let blur = |grid: &DensityGrid| drift::blurred(grid, &velocity, shutter, limit);
+        let blur = |grid: &DensityGrid| drift::blurred(grid, &velocity, shutter, limit, progress);
         let density = blur(&smoke.density)?;
         let glow = match &smoke.glow {
             Some([red, green, blue]) => Some([blur(red)?, blur(green)?, blur(blue)?]),

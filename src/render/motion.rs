@@ -6,8 +6,8 @@
 //! mean over the depths that it sees. The camera goes where its keys bring it by the next frame.
 
 use crate::flow::kind::FlowSpan;
-use crate::geometry::Geometry;
-use crate::geometry::motion::RigidSpan;
+use crate::geometry::motion::Placement;
+use crate::geometry::{Geometry, Shape};
 use crate::math::space::WorldPoint;
 use crate::render::camera::Camera;
 use crate::render::film::Contribution;
@@ -17,8 +17,8 @@ use glam::{DVec3, Vec3};
 /// How everything in a scene moves from a frame to the next.
 #[derive(Debug)]
 pub struct FrameMotion<'a> {
-    /// Of each shape, `None` for those at rest.
-    shapes: Vec<Option<RigidSpan>>,
+    /// What takes each shape from where it is to where it is at the next frame, `None` for those at rest.
+    shapes: Vec<Option<Placement>>,
     /// The camera of the next frame, where it moves.
     pub next_camera: Option<Camera>,
     /// What carries the smoke, if that is known.
@@ -31,8 +31,12 @@ impl<'a> FrameMotion<'a> {
     /// The motion from `time` [s] on for `seconds`, > 0: that of shapes where they rest and of the flow, which lasts as long
     /// and is `None` for smoke of which nobody knows what carries it.
     pub fn new(geometry: &Geometry, flow: Option<FlowSpan<'a>>, time: f64, seconds: f64) -> Self {
-        let span = |shape: &crate::geometry::Shape| shape.motion.as_ref().map(|m| m.span(shape.pivot, time, seconds));
-        Self { shapes: geometry.shapes.iter().map(span).collect(), next_camera: None, flow, seconds }
+        let step = |shape: &Shape| {
+            let [now, next] =
+                [time, time + seconds].map(|time| Some(shape.motion.as_ref()?.placement(shape.pivot, time)));
+            Some(now?.inverse().within(&next?))
+        };
+        Self { shapes: geometry.shapes.iter().map(step).collect(), next_camera: None, flow, seconds }
     }
 
     /// What a path brings to the layer: how far what it met first moves on the picture [pixels], to the right and down, and
@@ -40,10 +44,9 @@ impl<'a> FrameMotion<'a> {
     pub fn of_path(&self, camera: &Camera, path: &Contribution) -> Vec3 {
         let next = match (path.first, path.shape_idx) {
             (FirstEvent::None, _) | (FirstEvent::Surface, None) => return Vec3::ZERO,
-            (FirstEvent::Surface, Some(shape_idx)) => self.shapes[shape_idx as usize].as_ref().map(|span| {
-                let (rest, _) = span.to_rest(path.place.0.as_dvec3().to_array(), 0.0);
-                span.from_rest(DVec3::from_array(rest), 1.0)
-            }),
+            (FirstEvent::Surface, Some(shape_idx)) => {
+                self.shapes[shape_idx as usize].map(|step| step.point(path.place.0.as_dvec3()))
+            }
             (FirstEvent::Smoke, _) => {
                 let flow = self.flow.as_ref().filter(|_| path.is_carried);
                 flow.map(|flow| carried(flow, path.place, self.seconds))

@@ -43,7 +43,12 @@ pub struct Conformed {
     pub settings: Json,
     /// Key paths at which something was wrong.
     pub mended: Vec<String>,
+    /// Of each value over time its frames.
+    pub keyed: Vec<KeyedFrames>,
 }
+
+/// Frames of the keys of a value, rising, and the key paths at which they stand.
+pub type KeyedFrames = Vec<(f64, String)>;
 
 /// Compares a tree with a JSON Schema of the subset that schemars makes of plain structs, externally tagged enums,
 /// options, lists and maps.
@@ -53,9 +58,9 @@ pub fn conform(tree: &Node, schema: &Json, collector: &mut Collector<'_>) -> Con
 
 /// As [`conform`], for another kind of file than scenes; `beginning` is the help where a file is empty.
 pub fn conform_document(tree: &Node, schema: &Json, beginning: &str, collector: &mut Collector<'_>) -> Conformed {
-    let mut walk = Walk { root: schema, collector, mended: Vec::new(), unit: None, beginning };
+    let mut walk = Walk { root: schema, collector, mended: Vec::new(), keyed: Vec::new(), unit: None, beginning };
     let settings = walk.value(tree, schema, Place::START, "");
-    Conformed { settings, mended: walk.mended }
+    Conformed { settings, mended: walk.mended, keyed: walk.keyed }
 }
 
 /// Key path of a member.
@@ -67,6 +72,7 @@ struct Walk<'s, 'c, 'a> {
     root: &'s Json,
     collector: &'c mut Collector<'a>,
     mended: Vec<String>,
+    keyed: Vec<KeyedFrames>,
     /// Of the key that is being looked at.
     unit: Option<&'s str>,
     /// How such a file begins.
@@ -116,6 +122,7 @@ impl<'s> Walk<'s, '_, '_> {
     /// A map of frames and values.
     fn keyed(&mut self, entries: &[Entry], schema: &'s Json, at: Place, path: &str) -> Json {
         let mut keys: Vec<(f64, Json)> = Vec::new();
+        let mut frames = KeyedFrames::new();
         let mut options = JsonMap::new();
         for entry in entries {
             if self.collector.is_full() {
@@ -141,6 +148,7 @@ impl<'s> Walk<'s, '_, '_> {
                 continue;
             }
             keys.push((frame, self.unkeyed(&entry.node, schema, entry.place(), &key_path)));
+            frames.push((frame, key_path));
         }
         if keys.is_empty() {
             let message = "there is no frame in this map".into();
@@ -149,6 +157,8 @@ impl<'s> Walk<'s, '_, '_> {
         }
         // Keys may stand in any order.
         keys.sort_by(|a, b| a.0.total_cmp(&b.0));
+        frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+        self.keyed.push(frames);
         options.insert("keys".into(), json!(keys));
         Json::Object(options)
     }

@@ -167,7 +167,7 @@ impl Scene {
                 return Err(SceneError::Faulty(collector.finish()));
             }
         };
-        validate::validate(&settings, &tree, &conformed.mended, path, &mut collector);
+        validate::validate(&settings, &tree, &conformed.mended, &conformed.keyed, path, &mut collector);
         let diagnostics = collector.finish();
         if diagnostics.iter().any(|d| d.severity == Severity::Error) {
             return Err(SceneError::Faulty(diagnostics));

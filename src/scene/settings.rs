@@ -80,6 +80,24 @@ impl Settings {
         let names: BTreeSet<&str> = self.lights.iter().filter_map(Light::group).collect();
         names.into_iter().map(String::from).collect()
     }
+
+    /// Whether the flow minds a shape: as a wall, or where a mask is.
+    pub fn guides_flow(&self, shape: &str) -> bool {
+        let is_mask = |mask: &Mask| match mask {
+            Mask::Shape(mask) => mask.name == shape,
+            Mask::Wake(mask) => mask.shape == shape,
+            _ => false,
+        };
+        self.flow.minds(shape) || self.flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
+    }
+
+    /// Whether more than light minds how a shape moves: it guides the flow, holds a volume or lets particles start.
+    pub fn carries(&self, shape: &str) -> bool {
+        let emitters = self.smoke.iter().flat_map(|smoke| &smoke.emitters);
+        let is_emitter = emitters.filter_map(|emitter| emitter.mesh.as_ref()).any(|mesh| mesh.shape == shape);
+        let is_filled = self.volumes.values().any(|volume| volume.inside.as_deref() == Some(shape));
+        self.guides_flow(shape) || is_emitter || is_filled
+    }
 }
 
 /// Which frames exist, and their timing. Frame f is at time (f − first)/fps.
@@ -99,6 +117,13 @@ pub struct Frames {
     /// smeared along the ways of its particles; each path of light sees camera and solids where they are at a time of its
     /// own. Lights are as they are at the frame, but for shapes that shine.
     pub shutter: [f64; 2],
+}
+
+impl Frames {
+    /// The time of a frame [s], the first being at 0.
+    pub fn time_of(&self, frame: f64) -> f64 {
+        (frame - f64::from(self.first)) / self.fps
+    }
 }
 
 impl Default for Frames {

@@ -1,13 +1,13 @@
 //! What a schema cannot say: cross references, relations between keys, files that must exist, and whether the whole
 //! fits into memory. All problems are collected.
 
+use crate::conform::KeyedFrames;
 use crate::diagnostic::{Collector, Diagnostic, Fault, listed, nearest};
 use crate::pattern::{Pattern, spell};
 use crate::schema::decimal;
 use crate::settings::{
     Camera, CameraProjection, Capsule, Compression, Cuboid, Environment, Film, Frames, Interpolation, Keyed, Layout,
-    Light, Mask, Output, Part, Potential, RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform,
-    Vec3, Volume,
+    Light, Output, Part, RectangleLight, Rgb, Rotation, Settings, Shape, Smoke, Sun, Torus, Transform, Vec3, Volume,
 };
 use crate::tree::Node;
 use crate::{nearest_file, resolve};
@@ -26,10 +26,19 @@ const RESERVED_GROUPS: [&str; 2] = ["emission", "other"];
 /// Least diameter of a disk in the sky [degrees]: the rim of smaller ones is lost in the rounding of directions.
 const SUN_DIAMETER_MIN: f64 = 0.01;
 
-/// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
-pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
+/// Checks settings that fit the schema, whose values over time are `keyed`. Keys in `mended`, and what depends on them, are not
+/// judged.
+pub fn validate(
+    settings: &Settings,
+    tree: &Node,
+    mended: &[String],
+    keyed: &[KeyedFrames],
+    path: &Path,
+    collector: &mut Collector<'_>,
+) {
     let mut check = Check { settings, tree, mended, path, collector };
     check.frames(&settings.frames);
+    check.key_times(keyed);
     check.camera(&settings.camera);
     check.film(&settings.film);
     check.shapes();
@@ -162,6 +171,22 @@ impl<'s> Check<'s, '_, '_> {
         }
     }
 
+    /// Frames that differ may be at the same time, once the first is taken from them.
+    fn key_times(&mut self, keyed: &[KeyedFrames]) {
+        if !self.is_sound("frames") {
+            return;
+        }
+        for frames in keyed {
+            let times: Vec<f64> = frames.iter().map(|(frame, _)| self.settings.frames.time_of(*frame)).collect();
+            let rises = |pair: &[f64]| pair[0] < pair[1];
+            if let Some(i) = times.windows(2).position(|pair| !rises(pair)) {
+                let (frame, key) = &frames[i + 1];
+                let message = format!("frame {} lies too close to the one before, at the same time", decimal(*frame));
+                self.error_help(key, key, message, "put the frames of keys further apart, or remove one of them");
+            }
+        }
+    }
+
     fn camera(&mut self, camera: &Camera) {
         if camera.lens.is_some() && camera.projection == CameraProjection::LatLong {
             let help = "remove `lens`, or take another projection";
@@ -232,29 +257,13 @@ impl<'s> Check<'s, '_, '_> {
             ];
             self.exactly_one(&key, &given);
             self.shape(&key, shape);
-            let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_ref() == Some(name));
-            if !shape.visible && !self.guides_flow(name) && !self.is_emitter(name) && !is_filled {
+            if !shape.visible && !self.settings.carries(name) {
                 let key_visible = format!("{key}.visible");
                 let message =
                     format!("`{name}` has no effect: it is invisible, no obstacle, no emitter and holds no volume");
                 self.warning(&key_visible, "flow.obstacles", message, "name it in `flow.obstacles`, or remove it");
             }
         }
-    }
-
-    fn guides_flow(&self, shape: &str) -> bool {
-        let flow = &self.settings.flow;
-        let is_mask = |mask: &Mask| match mask {
-            Mask::Shape(mask) => mask.name == shape,
-            Mask::Wake(mask) => mask.shape == shape,
-            _ => false,
-        };
-        flow.minds(shape) || flow.potentials.iter().flat_map(Potential::masks).any(is_mask)
-    }
-
-    fn is_emitter(&self, shape: &str) -> bool {
-        let emitters = self.settings.smoke.iter().flat_map(|smoke| &smoke.emitters);
-        emitters.filter_map(|emitter| emitter.mesh.as_ref()).any(|mesh| mesh.shape == shape)
     }
 
     fn shape(&mut self, key: &str, shape: &Shape) {
@@ -350,7 +359,7 @@ impl<'s> Check<'s, '_, '_> {
             self.error_help(&format!("{key}.motion"), key, "the shape moves by its `transform` already", help);
         }
         let name = key.strip_prefix("shapes.").unwrap_or_default();
-        if !self.carries_something(name) {
+        if !self.settings.carries(name) {
             return;
         }
         let scope = "a shape that guides the flow, holds a volume or lets particles start";
@@ -368,12 +377,6 @@ impl<'s> Check<'s, '_, '_> {
             let help = "take `linear` or `ease`; what repeats must end as it begins";
             self.error_help(&key, &key, format!("{scope} cannot jump: its speed would be infinite"), help);
         }
-    }
-
-    /// Whether more than light minds how a shape moves.
-    pub(crate) fn carries_something(&self, name: &str) -> bool {
-        let is_filled = self.settings.volumes.values().any(|volume| volume.inside.as_deref() == Some(name));
-        self.guides_flow(name) || self.is_emitter(name) || is_filled
     }
 
     /// Solids whose numbers must fit each other.

@@ -341,7 +341,7 @@ impl Check<'_, '_, '_> {
             }
         }
         let name = key.strip_prefix("shapes.").and_then(|key| key.strip_suffix(".motion")).unwrap_or_default();
-        if motion.interpolation == Interpolation::Step && self.carries_something(name) {
+        if motion.interpolation == Interpolation::Step && self.settings.carries(name) {
             let message = "a shape that guides the flow, holds a volume or lets particles start cannot jump";
             self.error_help(&format!("{key}.interpolation"), key, message, "take `linear` or `ease`");
         }
