@@ -423,9 +423,71 @@ fn a_script_for_slurm_renders_what_its_task_is_for() {
         let [a, b] = ["whole", "out"].map(|f| fs::read(folder.path(&format!("{f}/smoke.000{frame}.exr"))).unwrap());
         assert!(a == b, "frame {frame}");
     }
-    // With a bake there are two jobs, and what the second reads is what the first has written.
-    let [script, _] = folder.expect(0, &["farm", "slurm", "smoke.yaml", "--bake"]);
+}
+
+/// Frames of some of the scene, so that there are no files of the others.
+#[test]
+fn a_job_that_bakes_renders_what_it_has_baked() {
+    let folder = folder_of(SMOKE);
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "2-3"]);
+    fs::rename(folder.path("out"), folder.path("whole")).unwrap();
+    let [script, _] = folder.expect(0, &["farm", "slurm", "smoke.yaml", "--bake", "--frames", "2-3"]);
     contains(&script, &["--dependency=\"afterok:$bake\"", " bake ", "smoke={"]);
+    folder.write("job.sh", &script);
+    // Runs what is submitted at once, all tasks of an array in turn.
+    let sbatch = "#!/bin/bash\nset -e\ncat > task.sh\nlast=$(sed -n 's/^#SBATCH --array=0-//p' task.sh)\n\
+                  for i in $(seq 0 \"${last:-0}\"); do SLURM_ARRAY_TASK_ID=$i bash task.sh >&2; done\necho 1\n";
+    folder.write("sbatch", sbatch);
+    assert!(Command::new("chmod").args(["+x"]).arg(folder.path("sbatch")).status().unwrap().success());
+    let path = format!("{}:{}", folder.0.path().display(), std::env::var("PATH").unwrap());
+    let mut job = Command::new("sh");
+    job.arg("job.sh").current_dir(folder.0.path()).env("PATH", path).env("CURLSMOKE", env!("CARGO_BIN_EXE_curlsmoke"));
+    let output = job.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        folder.files("out").iter().filter(|name| name.ends_with(".vdb")).count(),
+        2,
+        "{:?}",
+        folder.files("out")
+    );
+    for frame in 2..=3 {
+        let [a, b] = ["whole", "out"].map(|f| fs::read(folder.path(&format!("{f}/smoke.000{frame}.exr"))).unwrap());
+        let [a, b] = [a, b].map(|bytes| {
+            fs::write(folder.path("one.exr"), bytes).unwrap();
+            exr::read(&folder.path("one.exr"), 1 << 26).unwrap()
+        });
+        for channel in ["R", "G", "B", "A"] {
+            assert!(a.channel(channel) == b.channel(channel), "frame {frame}, {channel}");
+        }
+    }
+    // A frame that was not baked is still missed, and only that.
+    let smoke = "smoke={file: {path: out/smoke.####.vdb}}";
+    let baked = folder.files("out").into_iter().find(|name| name.ends_with("0002.vdb")).unwrap();
+    let smoke = smoke.replace("out/smoke.####.vdb", &format!("out/{}", baked.replace("0002", "####")));
+    let [_, err] = folder.expect(4, &["render", "smoke.yaml", "--set", &smoke, "--frames", "1-2"]);
+    contains(&err, &["no file for the frame"]);
+    // What files do not hold is not asked of them.
+    let [_, err] = folder.expect(2, &["farm", "slurm", "smoke.yaml", "--bake", "--set", "output.aovs=[motion]"]);
+    contains(&err, &["`motion`", "leave out"]);
+}
+
+#[test]
+fn folders_whose_names_would_stand_for_frames_are_refused() {
+    let folder = folder_of(SMOKE);
+    for (name, is_refused) in
+        [("sh#1", true), ("a%04d", true), ("b{frame}", true), ("c{d", true), ("$F", true), ("100%", false)]
+    {
+        fs::create_dir(folder.path(name)).unwrap();
+        for verb in ["slurm", "openjd"] {
+            let mut command = folder.command(&["farm", verb, "../smoke.yaml"]);
+            let output = command.current_dir(folder.path(name)).output().unwrap();
+            let err = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(if is_refused { 2 } else { 0 }), "{name}: {err}");
+            if is_refused {
+                contains(&err, &[name, "start from another folder"]);
+            }
+        }
+    }
 }
 
 #[test]

@@ -131,9 +131,17 @@ impl Scene {
     /// # Errors
     /// As `load`; problems in an override name it as `--set KEY`.
     pub fn load_with(path: &Path, overrides: &[(String, String)]) -> Result<Self, SceneError> {
+        Self::load_for(path, overrides, None)
+    }
+
+    /// As `load_with`, to make some of its frames alone: files of other frames need not be there. All frames where `None`.
+    ///
+    /// # Errors
+    /// As `load_with`.
+    pub fn load_for(path: &Path, overrides: &[(String, String)], frames: Option<&[i32]>) -> Result<Self, SceneError> {
         let bytes = read(path)?;
         match String::from_utf8(bytes) {
-            Ok(text) => Self::from_text_with(&text, path, overrides),
+            Ok(text) => Self::from_text_for(&text, path, overrides, frames),
             Err(error) => {
                 let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
                 let valid = String::from_utf8_lossy(valid).into_owned();
@@ -162,6 +170,15 @@ impl Scene {
     /// # Errors
     /// All errors of the scene.
     pub fn from_text_with(text: &str, path: &Path, overrides: &[(String, String)]) -> Result<Self, SceneError> {
+        Self::from_text_for(text, path, overrides, None)
+    }
+
+    fn from_text_for(
+        text: &str,
+        path: &Path,
+        overrides: &[(String, String)],
+        frames: Option<&[i32]>,
+    ) -> Result<Self, SceneError> {
         let mut sources = vec![file_source(path, text.to_owned())];
         for (key, value) in overrides {
             sources.push(Source { name: format!("--set {key}"), text: value.clone(), is_flag: true });
@@ -181,7 +198,7 @@ impl Scene {
                 return Err(SceneError::Faulty(collector.finish()));
             }
         };
-        validate::validate(&settings, &tree, &conformed.mended, path, &mut collector);
+        validate::validate(&settings, &tree, &conformed.mended, path, frames, &mut collector);
         let diagnostics = collector.finish();
         if diagnostics.iter().any(|d| d.severity == Severity::Error) {
             return Err(SceneError::Faulty(diagnostics));

@@ -25,9 +25,17 @@ const RESERVED_GROUPS: [&str; 2] = ["emission", "other"];
 /// Least diameter of a disk in the sky [degrees]: the rim of smaller ones is lost in the rounding of directions.
 const SUN_DIAMETER_MIN: f64 = 0.01;
 
-/// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged.
-pub fn validate(settings: &Settings, tree: &Node, mended: &[String], path: &Path, collector: &mut Collector<'_>) {
-    let mut check = Check { settings, tree, mended, path, collector };
+/// Checks settings that fit the schema. Keys in `mended`, and what depends on them, are not judged. Files of frames beyond `frames`
+/// need not be there.
+pub fn validate(
+    settings: &Settings,
+    tree: &Node,
+    mended: &[String],
+    path: &Path,
+    frames: Option<&[i32]>,
+    collector: &mut Collector<'_>,
+) {
+    let mut check = Check { settings, tree, mended, path, frames_to_make: frames, collector };
     check.frames(&settings.frames);
     check.camera(&settings.camera);
     check.film(&settings.film);
@@ -50,6 +58,8 @@ pub(crate) struct Check<'s, 'c, 'a> {
     tree: &'s Node,
     mended: &'s [String],
     pub(crate) path: &'s Path,
+    /// All of the scene where `None`.
+    pub(crate) frames_to_make: Option<&'s [i32]>,
     collector: &'c mut Collector<'a>,
 }
 
