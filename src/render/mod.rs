@@ -50,7 +50,7 @@ pub mod tracking;
 pub mod vertex;
 pub mod world;
 
-pub use crate::render::from_scene::lights::build_lights;
+pub use crate::render::from_scene::lights::{build_lights, check_lights};
 pub use crate::render::from_scene::materials::build_materials;
 pub use crate::render::from_scene::textures::TextureStore;
 
