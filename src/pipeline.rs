@@ -18,7 +18,7 @@ use crate::geometry::moment::Shutter;
 use crate::geometry::{Geometry, GeometryError};
 use crate::grid::vdb;
 use crate::inspect::Inspection;
-use crate::output::frames::{FRAMES_MAX, check_distinct};
+use crate::output::frames::check_distinct;
 use crate::output::sidecar::Sidecar;
 use crate::output::{self, OutputError, file};
 use crate::particles::ParticleSystem;
@@ -286,7 +286,7 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
     let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
-    let frames: Vec<i32> = (first..=last).take(FRAMES_MAX).collect();
+    let frames: Vec<i32> = (first..=last).collect();
     check_camera(scene, &frames)?;
     check_lights(scene, &frames)?;
     render::build_lights(scene, 0.0, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
@@ -476,8 +476,7 @@ fn smoke_heat(scene: &Scene) -> Option<Heat> {
 
 /// Time of a frame [s].
 fn time_of(scene: &Scene, frame: i32) -> f64 {
-    let frames = &scene.settings.frames;
-    (f64::from(frame) - f64::from(frames.first)) / frames.fps
+    scene.settings.frames.time(f64::from(frame))
 }
 
 fn build_world(scene: &Scene, geometry: &Geometry, materials: Vec<Material>, time: f64) -> Result<World, Error> {

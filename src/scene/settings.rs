@@ -101,6 +101,13 @@ pub struct Frames {
     pub shutter: [f64; 2],
 }
 
+impl Frames {
+    /// Time of a frame, or of a moment between two [s]; the first frame is at 0.
+    pub fn time(&self, frame: f64) -> f64 {
+        (frame - f64::from(self.first)) / self.fps
+    }
+}
+
 impl Default for Frames {
     fn default() -> Self {
         Self { first: 1, last: 1, fps: 24.0, shutter: [0.0, 0.0] }
