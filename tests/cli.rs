@@ -130,7 +130,7 @@ fn a_turntable_begins_where_the_camera_stands() {
     assert!((mean("out/ball.0002.exr") / views[0] - 1.0).abs() < 0.3, "the same view with other noise");
     let [_, err] = folder.expect(0, &[&arguments[..], &["--resume"]].concat());
     assert!(!err.contains("error"), "{err}");
-    let parts = ["--samples", "1-2", "--memory-limit", "0.0001"];
+    let parts = ["--samples", "1-2", "--memory-limit", "0.01", "--set", "film.resolution=[200, 150]"];
     let [_, err] = folder.expect(6, &[&["turntable", "ball.yaml"], &parts[..]].concat());
     contains(&err, &["ball.turn.0001"]);
     let [_, err] = folder.expect(2, &["turntable", "ball.yaml", "--at", "9"]);

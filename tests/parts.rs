@@ -532,7 +532,7 @@ fn a_job_that_bakes_renders_what_it_has_baked() {
     let baked = folder.files("out").into_iter().find(|name| name.ends_with("0002.vdb")).unwrap();
     let smoke = smoke.replace("out/smoke.####.vdb", &format!("out/{}", baked.replace("0002", "####")));
     let [_, err] = folder.expect(4, &["render", "smoke.yaml", "--set", &smoke, "--frames", "1-2"]);
-    contains(&err, &["no file for the frame"]);
+    contains(&err, &["there is no file for frame 1:"]);
     // What files do not hold is not asked of them.
     let [_, err] = folder.expect(2, &["farm", "slurm", "smoke.yaml", "--bake", "--set", "output.aovs=[motion]"]);
     contains(&err, &["`motion`", "leave out"]);
