@@ -274,8 +274,8 @@ fn smoke_that_its_file_moves_is_followed() {
     assert!(follows(desk, &text).contains(&Density));
     desk.check(&text, 2, None);
     let still = text.replace(", velocity: v", "");
-    assert_eq!(desk.check(&still, 2, None), [Density, Medium]);
-    assert_eq!(desk.check(&text, 2, None), [Density, Medium]);
+    assert_eq!(desk.check(&still, 2, None), [Particles, Density, Medium]);
+    assert_eq!(desk.check(&text, 2, None), [Particles, Density, Medium]);
     desk.write("smoke.2.vdb", &bytes);
     assert_eq!(desk.check(&text, 2, None), [Density, Medium]);
 }
