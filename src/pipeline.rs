@@ -98,12 +98,8 @@ pub fn render(
     check_distinct(&job.frames, |frame| files.image(frame))?;
     check_writable(job.frames.iter().map(|&frame| files.to_write(frame)))?;
     check_camera(scene, &job.frames)?;
-    if job.samples.is_some()
-        && let Some(&frame) = job.frames.first()
-    {
-        let needed = footprint::film_bytes(&scene.settings) + footprint::sums_bytes(&scene.settings);
-        output::check_memory(&files.image(frame), needed as u64, memory_limit(scene))?;
-    }
+    check_lights(scene, &job.frames)?;
+    check_sums(scene, job, &files)?;
     let inputs = InputHash::new(scene, job.crop)?;
     let mut studio: Option<Studio> = None;
     for (index, &frame) in job.frames.iter().enumerate() {
@@ -117,6 +113,13 @@ pub fn render(
         on_frame(&make(&shot, job, &files, &mut studio, progress)?);
     }
     Ok(())
+}
+
+/// Makes sure that the sums of a run that traces a part of the paths fit into memory.
+fn check_sums(scene: &Scene, job: &RenderJob, files: &OutputFiles) -> Result<(), OutputError> {
+    let (Some(_), Some(&frame)) = (job.samples, job.frames.first()) else { return Ok(()) };
+    let needed = footprint::film_bytes(&scene.settings) + footprint::sums_bytes(&scene.settings);
+    output::check_memory(&files.image(frame), needed as u64, memory_limit(scene))
 }
 
 /// A picture to be made.
@@ -242,7 +245,10 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let geometry = Geometry::build_without_distances(scene)?;
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
-    check_camera(scene, &[scene.settings.frames.first, scene.settings.frames.last])?;
+    let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
+    let frames: Vec<i32> = (first..=last).collect();
+    check_camera(scene, &frames)?;
+    check_lights(scene, &frames)?;
     render::build_lights(scene, 0.0, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
         .map_err(|e| in_render(scene, e))?;
     load_textures(scene)?;
@@ -380,8 +386,22 @@ fn frame_motion<'a>(scene: &Scene, geometry: &'a Geometry, smoke: &'a SmokeSourc
 
 /// Makes sure that a camera that moves looks somewhere at frames.
 fn check_camera(scene: &Scene, frames: &[i32]) -> Result<(), Error> {
-    frames.iter().try_for_each(|&frame| {
+    let count = if render::camera_course(scene).varies() { frames.len() } else { frames.len().min(1) };
+    frames[..count].iter().try_for_each(|&frame| {
         render::check_camera(scene, frame).map_err(|e| in_scene(scene, "camera.look_at", Some(frame), e))
+    })
+}
+
+/// Makes sure that no light that moves ceases to be at frames.
+fn check_lights(scene: &Scene, frames: &[i32]) -> Result<(), Error> {
+    if !scene.settings.lights.iter().any(settings::Light::varies) {
+        return Ok(());
+    }
+    frames.iter().try_for_each(|&frame| {
+        render::check_lights(scene, time_of(scene, frame)).map_err(|e| match in_render(scene, e) {
+            Error::InScene { place, source, .. } => Error::InScene { place, frame: Some(frame), source },
+            error => error,
+        })
     })
 }
 
@@ -416,8 +436,7 @@ fn smoke_heat(scene: &Scene) -> Option<Heat> {
 
 /// Time of a frame [s].
 fn time_of(scene: &Scene, frame: i32) -> f64 {
-    let frames = &scene.settings.frames;
-    (f64::from(frame) - f64::from(frames.first)) / frames.fps
+    scene.settings.frames.time(f64::from(frame))
 }
 
 fn build_world(scene: &Scene, geometry: &Geometry, materials: Vec<Material>, time: f64) -> Result<World, Error> {

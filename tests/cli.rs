@@ -131,8 +131,24 @@ fn a_turntable_begins_where_the_camera_stands() {
     assert!((mean("out/ball.0002.exr") / views[0] - 1.0).abs() < 0.3, "the same view with other noise");
     let [_, err] = folder.expect(0, &[&arguments[..], &["--resume"]].concat());
     assert!(!err.contains("error"), "{err}");
+    let parts = ["--samples", "1-2", "--memory-limit", "0.01", "--set", "film.resolution=[200, 150]"];
+    let [_, err] = folder.expect(6, &[&["turntable", "ball.yaml"], &parts[..]].concat());
+    contains(&err, &["ball.turn.0001"]);
     let [_, err] = folder.expect(2, &["turntable", "ball.yaml", "--at", "9"]);
     contains(&err, &["--at 9", "1 to 3"]);
+}
+
+#[test]
+fn lights_that_cease_to_be_are_found_before_anything_is_rendered() {
+    let folder = Folder::new();
+    let panel = "rectangle: {center: [0, 3, 0], half_u: [1, 0, 0], half_v: {1: [0, 0, 1], 3: [0, 0, -1], interpolation: linear}, radiance: [1, 1, 1]}";
+    folder.write("lamp.yaml", &BALL.replace("environment: {radiance: [1, 1, 1]}", panel));
+    for arguments in [&["check", "lamp.yaml"][..], &["render", "lamp.yaml"]] {
+        let [_, err] = folder.expect(3, arguments);
+        contains(&err, &["frame 2", "lights[0]", "no area"]);
+    }
+    assert!(folder.files("out").is_empty(), "{:?}", folder.files("out"));
+    folder.expect(0, &["render", "lamp.yaml", "--frames", "1,3"]);
 }
 
 #[test]

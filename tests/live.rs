@@ -4,6 +4,8 @@
 use curlsmoke::grid::DensityGrid;
 use curlsmoke::grid::vdb::{VdbWriteSettings, write_float_grids};
 use curlsmoke::math::space::WorldPoint;
+use curlsmoke::output::exr::{self, Compression};
+use curlsmoke::output::image::{Image, SampleKind};
 use curlsmoke::pipeline;
 use curlsmoke::pipeline::inputs::Part;
 use curlsmoke::pipeline::live::LiveStudio;
@@ -12,6 +14,8 @@ use curlsmoke::render::film::{Film, PixelBounds};
 use curlsmoke::scene::Scene;
 use glam::UVec3;
 use std::fs;
+use std::io::Read;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 const SCENE: &str = "\
@@ -167,6 +171,158 @@ fn files_frames_and_crops_are_followed() {
     desk.write_mist(1.0);
     assert_eq!(desk.check(&text, 2, None), [Density, Medium, Volumes]);
     assert_eq!(desk.check(&text.replace("speed: 0.3", "speed: 3"), 2, None), [], "nothing flows in it");
+}
+
+/// Demands equal pictures when a change comes, when only the frame changes, forwards and back, and when it goes; what was made again
+/// for another frame.
+#[track_caller]
+fn follows(desk: &mut Desk, text: &str) -> Vec<Part> {
+    desk.check(SCENE, 2, None);
+    desk.check(text, 2, None);
+    assert_eq!(desk.check(text, 2, None), []);
+    let made = desk.check(text, 3, None);
+    desk.check(text, 1, None);
+    desk.check(SCENE, 1, None);
+    made
+}
+
+#[test]
+fn what_moves_is_followed_from_frame_to_frame() {
+    use Part::*;
+    let desk = &mut Desk::new();
+    let position = changed("position: [0, 0.6, 3]", "position: {1: [0, 0.6, 3], 4: [1, 0.8, 2.5]}");
+    assert_eq!(follows(desk, &position), [Density, Medium, Volumes]);
+    let fov = changed("look_at: [0, 0.5, 0]", "look_at: [0, 0.5, 0], vertical_fov_deg: {1: 20, 4: 60}");
+    assert_eq!(follows(desk, &fov), [Density, Medium, Volumes]);
+    for (old, new) in [
+        ("irradiance: [3, 3, 2]", "irradiance: {1: [3, 3, 2], 4: [0, 1, 5]}"),
+        ("direction: [0.6, -0.7, 0.2]", "direction: {1: [0.6, -0.7, 0.2], 4: [-0.6, -0.7, 0.2]}"),
+    ] {
+        assert_eq!(follows(desk, &changed(old, new)), [Lights, Density, Medium, Volumes], "{new}");
+    }
+    for (old, new) in [
+        ("translate: [-0.6, 0.2, 0]", "translate: {1: [-0.6, 0.2, 0], 4: [0.3, 0.4, 0.2]}"),
+        ("translate: [-0.6, 0.2, 0]", "scale: {1: 0.5, 4: 2}"),
+        ("radius: 0.1}, material", "radius: 0.1}, transform: {translate: {1: [0, 0, 0], 4: [-0.5, 0, 0]}}, material"),
+    ] {
+        assert_eq!(follows(desk, &changed(old, new)), [Surfaces, Density, Medium, Volumes], "{new}");
+    }
+}
+
+#[test]
+fn a_volume_in_a_shape_that_moves_is_followed() {
+    let desk = &mut Desk::new();
+    let mist = &SCENE[SCENE.find("  mist:").unwrap()..SCENE.find("lights:").unwrap()];
+    let cell = "  cell: {inside: ball, medium: {extinction: 4, albedo: [0.5, 0.9, 0.9]}}\n";
+    let ball = "radius: 0.2}, transform: {translate: {1: [0, 0, 0], 4: [0.5, 0.2, 0]}}, visible: false}\n  lamp";
+    let (start, end) = (SCENE.find("radius: 0.2}, material").unwrap(), SCENE.find("\n  lamp").unwrap());
+    let text = SCENE.replace(mist, cell).replace(&SCENE[start..end + "\n  lamp".len()], ball);
+    let text = text.replace("obstacles: [ball]", "obstacles: []");
+    let made = follows(desk, &text);
+    assert!(made.contains(&Part::Surfaces) && made.contains(&Part::Volumes), "{made:?}");
+}
+
+/// A tetrahedron in a node that is carried along, with its numbers in a file beside it.
+fn write_gltf(desk: &Desk, way: f32) {
+    let floats = |numbers: &[f32]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let mut numbers = floats(&[0., 0., 0., 0.5, 0., 0., 0., 0.5, 0., 0., 0., 0.5]);
+    numbers.extend([0u16, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
+    numbers.extend(floats(&[0.0, 0.125, 0.0, 0.0, 0.0, way, 0.0, 0.0]));
+    desk.write("stone.bin", &numbers);
+    let text = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [0.5, 0.5, 0.5]},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+            {"bufferView": 2, "componentType": 5126, "count": 2, "type": "SCALAR", "min": [0], "max": [0.125]},
+            {"bufferView": 3, "componentType": 5126, "count": 2, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 24},
+            {"buffer": 0, "byteOffset": 72, "byteLength": 8}, {"buffer": 0, "byteOffset": 80, "byteLength": 24}],
+        "buffers": [{"byteLength": 104, "uri": "stone.bin"}],
+        "animations": [{"channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+            "samplers": [{"input": 2, "output": 3}]}]}"#;
+    desk.write("stone.gltf", text);
+}
+
+#[test]
+fn a_mesh_that_its_file_moves_is_followed() {
+    use Part::*;
+    let desk = &mut Desk::new();
+    write_gltf(desk, 0.5);
+    let text = changed("stone.obj", "stone.gltf");
+    assert_eq!(follows(desk, &text), [Surfaces, Density, Medium, Volumes]);
+    desk.check(&text, 3, None);
+    // The file beside it alone.
+    write_gltf(desk, 1.0);
+    let made = desk.check(&text, 3, None);
+    assert!(made.starts_with(&[Shapes, Surfaces]), "{made:?}");
+}
+
+/// Smoke with velocities, written by OpenVDB.
+#[test]
+fn smoke_that_its_file_moves_is_followed() {
+    use Part::*;
+    let desk = &mut Desk::new();
+    let packed = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/vdb/float_shared.vdb.gz")).unwrap();
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(packed.as_slice()).read_to_end(&mut bytes).unwrap();
+    (1..=4).for_each(|frame| desk.write(&format!("smoke.{frame}.vdb"), &bytes));
+    let smoke = &SCENE[SCENE.find("smoke:").unwrap()..SCENE.find("volumes:").unwrap()];
+    let file = "smoke: {file: {path: smoke.#.vdb, velocity: v}, medium: {extinction: 0.5, albedo: [1, 1, 1]}}\n";
+    let text =
+        SCENE.replace(smoke, file).replace("[0, 0.6, 3], look_at: [0, 0.5, 0]", "[6, 33, 9], look_at: [6, 33, 3]");
+    assert!(follows(desk, &text).contains(&Density));
+    desk.check(&text, 2, None);
+    let still = text.replace(", velocity: v", "");
+    assert_eq!(desk.check(&still, 2, None), [Particles, Density, Medium]);
+    assert_eq!(desk.check(&text, 2, None), [Particles, Density, Medium]);
+    desk.write("smoke.2.vdb", &bytes);
+    assert_eq!(desk.check(&text, 2, None), [Density, Medium]);
+}
+
+#[test]
+fn pictures_of_the_surroundings_are_followed() {
+    use Part::*;
+    let desk = &mut Desk::new();
+    let write = |desk: &Desk, value: f32| {
+        let mut image = Image::new([8, 4]);
+        let pixels: [[f32; 3]; 32] = std::array::from_fn(|i| [value * i as f32, value, 0.5]);
+        image.push_rgb("", SampleKind::Float, &pixels);
+        desk.write("sky.exr", exr::write(&image, Compression::Zips).unwrap());
+    };
+    write(desk, 0.1);
+    let text = changed("radiance: [0.3, 0.4, 0.5]", "file: sky.exr");
+    assert_eq!(follows(desk, &text), [Density, Medium, Volumes]);
+    desk.check(&text, 2, None);
+    write(desk, 0.2);
+    assert_eq!(desk.check(&text, 2, None), [Lights]);
+    let turning = changed("radiance: [0.3, 0.4, 0.5]", "file: sky.exr, rotate_deg: {1: 0, 4: 180}");
+    assert_eq!(follows(desk, &turning), [Lights, Density, Medium, Volumes]);
+}
+
+/// Remembers what it was told.
+#[derive(Default)]
+struct Notes(Mutex<Vec<String>>);
+
+impl Progress for Notes {
+    fn note(&self, text: &str) {
+        self.0.lock().unwrap().push(text.into());
+    }
+}
+
+#[test]
+fn where_the_camera_stands_is_told_once() {
+    let mut desk = Desk::new();
+    let notes = Notes::default();
+    let warned = || notes.0.lock().unwrap().iter().filter(|note| note.contains("the camera stands inside")).count();
+    let inside = changed("position: [0, 0.6, 3]", "position: [0.1, 0.7, 0.01]");
+    for (text, count) in
+        [(inside.as_str(), 1), (&inside.replace("extinction: 20", "extinction: 30"), 1), (SCENE, 1), (&inside, 2)]
+    {
+        let scene = desk.scene(text);
+        desk.studio.prepare(&scene, 2, &notes).unwrap();
+        assert_eq!(warned(), count);
+    }
 }
 
 /// Cancels when asked for the n-th time.

@@ -203,6 +203,73 @@ fn parts_with_a_right_hash_and_wrong_contents_are_no_panic() {
     assert!(merged > 0 && merged < 600, "{merged}");
 }
 
+/// Most address space and most open files of this program's child; both inherited.
+fn with_limits(folder: &Folder, limits: &str, arguments: &[&str]) -> std::process::Output {
+    let mut command = Command::new("bash");
+    command.args(["-c", &format!("ulimit {limits} && exec \"$0\" \"$@\""), env!("CARGO_BIN_EXE_curlsmoke")]);
+    command.args(arguments).current_dir(folder.0.path()).output().unwrap()
+}
+
+#[test]
+fn there_may_be_more_parts_than_files_may_be_open() {
+    let folder = folder_of(&SMOKE.replace("spp: 4", "spp: 80"));
+    let part = |i: u32| format!("out/smoke.0001.samples-{i}-{i}.part");
+    for i in 1..=80 {
+        let samples = format!("{i}-{i}");
+        folder.expect(0, &["render", "smoke.yaml", "--frames", "1", "--samples", &samples, "-j", "1"]);
+    }
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "1"]);
+    let parts: Vec<String> = (1..=80).map(part).collect();
+    let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
+    let output = with_limits(&folder, "-n 40", &[&["merge", "-o", "merged.exr", "-j", "2"], &parts[..]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let [a, b] = ["out/smoke.0001.exr", "merged.exr"].map(|name| fs::read(folder.path(name)).unwrap());
+    assert!(a == b, "the merged picture differs");
+}
+
+/// A small file that says that it has a tile far away, and a large one of tiles without end, take no memory to refuse.
+#[test]
+fn hostile_parts_keep_to_the_memory_limit() {
+    let folder = folder_of(SMOKE);
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "1", "--samples", "1-4"]);
+    let whole = fs::read(folder.path("out/smoke.0001.samples-1-4.part")).unwrap();
+    let head_length = u64::from_le_bytes(whole[17..25].try_into().unwrap()) as usize;
+    let head = String::from_utf8(whole[25..25 + head_length].to_vec()).unwrap();
+    assert!(head.contains("\"resolution\":[16,16]") && head.contains("\"bounds\":[0,0,16,16]"), "{head}");
+    // Millions of tiles of a pixel.
+    let head = head.replace("[16,16]", "[65536,65536]").replace("[0,0,16,16]", "[0,0,65536,65536]");
+    let edge = head.find("\"tile_edge\":").unwrap() + 12;
+    let end = edge + head[edge..].find(',').unwrap();
+    let head = format!("{}1{}", &head[..edge], &head[end..]);
+    let file = |tiles: &mut dyn Iterator<Item = (u64, u64)>| {
+        let mut bytes = whole[..17].to_vec();
+        bytes.extend((head.len() as u64).to_le_bytes());
+        bytes.extend(head.as_bytes());
+        for (index, size) in tiles {
+            bytes.extend(index.to_le_bytes());
+            bytes.extend(size.to_le_bytes());
+            bytes.resize(bytes.len() + size as usize, 0);
+        }
+        let hash = sha256(&bytes);
+        bytes.extend((0..32).map(|k| u8::from_str_radix(&hash[2 * k..2 * k + 2], 16).unwrap()));
+        bytes
+    };
+    let cases: [(Vec<u8>, i32, &str); 4] = [
+        (file(&mut [(60_000_000, 60_000_000)].into_iter()), 6, "memory"),
+        (file(&mut (0..1_000_000).map(|i| (i, 33))), 6, "memory"),
+        (file(&mut (0..1_000_000).map(|i| (i, 0))), 3, "too short"),
+        (file(&mut (0..1_000_000).map(|_| (7, 33))), 3, "out of order"),
+    ];
+    for (i, (bytes, code, words)) in cases.into_iter().enumerate() {
+        fs::write(folder.path("hostile.part"), bytes).unwrap();
+        let arguments = ["merge", "-o", "merged.exr", "--memory-limit", "0.01", "-j", "1", "hostile.part"];
+        let output = with_limits(&folder, "-v 900000", &arguments);
+        let err = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{i}: {err}");
+        contains(&err, &[words]);
+    }
+}
+
 #[test]
 fn paths_that_are_not_known_beforehand_are_not_made_in_parts() {
     let folder = folder_of(SMOKE);
@@ -423,9 +490,71 @@ fn a_script_for_slurm_renders_what_its_task_is_for() {
         let [a, b] = ["whole", "out"].map(|f| fs::read(folder.path(&format!("{f}/smoke.000{frame}.exr"))).unwrap());
         assert!(a == b, "frame {frame}");
     }
-    // With a bake there are two jobs, and what the second reads is what the first has written.
-    let [script, _] = folder.expect(0, &["farm", "slurm", "smoke.yaml", "--bake"]);
+}
+
+/// Frames of some of the scene, so that there are no files of the others.
+#[test]
+fn a_job_that_bakes_renders_what_it_has_baked() {
+    let folder = folder_of(SMOKE);
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "2-3"]);
+    fs::rename(folder.path("out"), folder.path("whole")).unwrap();
+    let [script, _] = folder.expect(0, &["farm", "slurm", "smoke.yaml", "--bake", "--frames", "2-3"]);
     contains(&script, &["--dependency=\"afterok:$bake\"", " bake ", "smoke={"]);
+    folder.write("job.sh", &script);
+    // Runs what is submitted at once, all tasks of an array in turn.
+    let sbatch = "#!/bin/bash\nset -e\ncat > task.sh\nlast=$(sed -n 's/^#SBATCH --array=0-//p' task.sh)\n\
+                  for i in $(seq 0 \"${last:-0}\"); do SLURM_ARRAY_TASK_ID=$i bash task.sh >&2; done\necho 1\n";
+    folder.write("sbatch", sbatch);
+    assert!(Command::new("chmod").args(["+x"]).arg(folder.path("sbatch")).status().unwrap().success());
+    let path = format!("{}:{}", folder.0.path().display(), std::env::var("PATH").unwrap());
+    let mut job = Command::new("sh");
+    job.arg("job.sh").current_dir(folder.0.path()).env("PATH", path).env("CURLSMOKE", env!("CARGO_BIN_EXE_curlsmoke"));
+    let output = job.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        folder.files("out").iter().filter(|name| name.ends_with(".vdb")).count(),
+        2,
+        "{:?}",
+        folder.files("out")
+    );
+    for frame in 2..=3 {
+        let [a, b] = ["whole", "out"].map(|f| fs::read(folder.path(&format!("{f}/smoke.000{frame}.exr"))).unwrap());
+        let [a, b] = [a, b].map(|bytes| {
+            fs::write(folder.path("one.exr"), bytes).unwrap();
+            exr::read(&folder.path("one.exr"), 1 << 26).unwrap()
+        });
+        for channel in ["R", "G", "B", "A"] {
+            assert!(a.channel(channel) == b.channel(channel), "frame {frame}, {channel}");
+        }
+    }
+    // A frame that was not baked is still missed, and only that.
+    let smoke = "smoke={file: {path: out/smoke.####.vdb}}";
+    let baked = folder.files("out").into_iter().find(|name| name.ends_with("0002.vdb")).unwrap();
+    let smoke = smoke.replace("out/smoke.####.vdb", &format!("out/{}", baked.replace("0002", "####")));
+    let [_, err] = folder.expect(4, &["render", "smoke.yaml", "--set", &smoke, "--frames", "1-2"]);
+    contains(&err, &["there is no file for frame 1:"]);
+    // What files do not hold is not asked of them.
+    let [_, err] = folder.expect(2, &["farm", "slurm", "smoke.yaml", "--bake", "--set", "output.aovs=[motion]"]);
+    contains(&err, &["`motion`", "leave out"]);
+}
+
+#[test]
+fn folders_whose_names_would_stand_for_frames_are_refused() {
+    let folder = folder_of(SMOKE);
+    for (name, is_refused) in
+        [("sh#1", true), ("a%04d", true), ("b{frame}", true), ("c{d", true), ("$F", true), ("100%", false)]
+    {
+        fs::create_dir(folder.path(name)).unwrap();
+        for verb in ["slurm", "openjd"] {
+            let mut command = folder.command(&["farm", verb, "../smoke.yaml"]);
+            let output = command.current_dir(folder.path(name)).output().unwrap();
+            let err = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(if is_refused { 2 } else { 0 }), "{name}: {err}");
+            if is_refused {
+                contains(&err, &[name, "start from another folder"]);
+            }
+        }
+    }
 }
 
 #[test]

@@ -12,9 +12,10 @@ use curlsmoke::watch::tev::Tev;
 use curlsmoke::watch::{Event, Watch, server};
 use http::{Reply, request};
 use std::fs;
-use std::io::Read;
-use std::net::TcpListener;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -46,7 +47,7 @@ impl Desk {
     fn new(scene: &str, viewer: Option<Tev>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (board, events) = (Arc::new(Board::new(None)), Arc::new(Mutex::new(Vec::new())));
-        let url = server::serve(&board, 0).unwrap();
+        let url = server::serve(&board, 0, |_| ()).unwrap();
         let port = url.trim_end_matches('/').rsplit(':').next().unwrap().parse().unwrap();
         let mut desk = Self { folder, board, port, events, is_over: Arc::default(), thread: None };
         desk.save(scene);
@@ -257,7 +258,93 @@ fn strangers_read_nothing() {
     }
     assert_eq!(request(port, "POST", "/crop?x0=5&y0=0&x1=5&y1=9", &[], "").status, 400);
     assert_eq!(request(port, "DELETE", "/", &[], "").status, 405);
-    assert!(server::serve(&desk.board, port).unwrap_err().to_string().contains("another port"));
+    assert!(server::serve(&desk.board, port, |_| ()).unwrap_err().to_string().contains("another port"));
+}
+
+/// Resident memory of a process [bytes].
+fn resident(id: u32) -> u64 {
+    let pages = fs::read_to_string(format!("/proc/{id}/statm")).unwrap();
+    4096 * pages.split(' ').nth(1).unwrap().parse::<u64>().unwrap()
+}
+
+/// Starts `watch` in a shell that runs `limits` first; the process, and the port of its page.
+fn start(folder: &std::path::Path, limits: &str) -> (Child, u16) {
+    fs::write(folder.join("scene.yaml"), SCENE).unwrap();
+    let script = format!("{limits} exec \"$0\" watch scene.yaml --serve 0 -j 1");
+    let mut child = Command::new("bash")
+        .args(["-c", &script, env!("CARGO_BIN_EXE_curlsmoke")])
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .stderr(fs::File::create(folder.join("log")).unwrap())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+    let port = line.trim().trim_end_matches('/').rsplit(':').next().unwrap().parse().unwrap();
+    (child, port)
+}
+
+#[test]
+fn the_page_outlives_floods_and_files_that_run_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut child, port) = start(folder.path(), "ulimit -n 40;");
+    let connect = || TcpStream::connect(("127.0.0.1", port)).unwrap();
+    // More than there may be files open.
+    let idle: Vec<TcpStream> = (0..60).map(|_| connect()).collect();
+    let log = || fs::read_to_string(folder.path().join("log")).unwrap();
+    let begin = Instant::now();
+    while !log().contains("cannot be served right now") {
+        assert!(begin.elapsed() < Duration::from_secs(30), "files never ran out: {}", log());
+        thread::sleep(Duration::from_millis(50));
+    }
+    drop(idle);
+    assert_eq!(request(port, "GET", "/status", &[], "").status, 200);
+    // Such as say nothing are closed by themselves.
+    let mut silent = connect();
+    silent.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    assert_eq!(silent.read(&mut [0]).unwrap(), 0);
+    // A head without end.
+    let before = resident(child.id());
+    let mut endless = connect();
+    endless.write_all(b"GET / HTTP/1.1\r\nX: ").unwrap();
+    let piece = vec![b'a'; 1 << 20];
+    let refused = (0..300).any(|_| endless.write_all(&piece).is_err());
+    assert!(refused, "300 MB were taken");
+    assert!(resident(child.id()) < before + (16 << 20), "{before} {}", resident(child.id()));
+    assert_eq!(request(port, "GET", "/", &[], "").status, 200);
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn no_more_connections_than_there_may_be() {
+    let desk = Desk::new(SCENE, None);
+    let idle: Vec<TcpStream> = (0..48).map(|_| TcpStream::connect(("127.0.0.1", desk.port)).unwrap()).collect();
+    // Before anything is asked.
+    let refused = || {
+        let mut stream = TcpStream::connect(("127.0.0.1", desk.port)).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+        let mut start = [0; 12];
+        stream.read_exact(&mut start).is_ok_and(|()| start == *b"HTTP/1.1 503")
+    };
+    assert!(refused());
+    drop(idle);
+    let begin = Instant::now();
+    while refused() {
+        assert!(begin.elapsed() < Duration::from_secs(30), "it never recovers");
+    }
+    assert_eq!(desk.get("/status").status, 200);
+    assert_eq!(desk.get("/ /").status, 400);
+}
+
+#[test]
+fn a_signal_ends_it_with_its_number() {
+    for (name, code) in [("INT", 130), ("TERM", 143)] {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut child, _port) = start(folder.path(), "");
+        assert!(Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap().success());
+        assert_eq!(child.wait().unwrap().code(), Some(code), "{name}");
+    }
 }
 
 /// A packet of tev's protocol, as its description says: length, kind, and what belongs to it.

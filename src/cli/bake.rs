@@ -1,7 +1,7 @@
 //! `curlsmoke bake`.
 
 use crate::cli::args::BakeArguments;
-use crate::cli::frames::{frames, load_scene, start_threads};
+use crate::cli::frames::{frames, listed, load_scene, start_threads};
 use crate::cli::print_result;
 use crate::cli::progress::{Reporter, count};
 use crate::cli::render::conclude;
@@ -11,7 +11,7 @@ use crate::pipeline::{self, BakeJob};
 
 /// Writes densities; the exit code.
 pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
-    let scene = load_scene(&arguments.common, Vec::new())?;
+    let scene = load_scene(&arguments.common, Vec::new(), listed(arguments.common.frames.as_deref())?.as_deref())?;
     let frames = frames(&arguments.common, &scene)?;
     start_threads(arguments.common.threads)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;

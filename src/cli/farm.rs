@@ -1,10 +1,10 @@
 //! `curlsmoke farm`: jobs for render farms, printed as text that needs no more than a look.
 
 use crate::cli::args::{FarmArguments, FarmVerb};
-use crate::cli::frames::list_of;
+use crate::cli::frames::{list_of, listed};
 use crate::cli::{print_result, warn_about};
 use crate::error::Error;
-use crate::scene::pattern::spell;
+use crate::scene::pattern::{Pattern, Piece, spell};
 use crate::scene::{Scene, settings};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -36,17 +36,14 @@ impl Job {
     fn new(arguments: &FarmArguments) -> Result<Self, Error> {
         let overrides: Vec<(String, String)> =
             arguments.overrides.iter().map(|set| (set.0.clone(), set.1.clone())).collect();
-        let scene = warn_about(Scene::load_with(&arguments.scene, &overrides), |scene| {
-            scene.warnings.iter().map(ToString::to_string).collect()
-        })?;
+        let scene = warn_about(
+            Scene::load_for(&arguments.scene, &overrides, listed(arguments.frames.as_deref())?.as_deref()),
+            |scene| scene.warnings.iter().map(ToString::to_string).collect(),
+        )?;
         let mut frames = list_of(arguments.frames.as_deref(), &scene)?;
         frames.sort_unstable();
-        let absolute = |path: &str| {
-            let path = std::path::absolute(Path::new(path)).map_err(|e| Error::Usage(format!("{path}: {e}")))?;
-            Ok::<_, Error>(path.to_string_lossy().into_owned())
-        };
         let output = &scene.settings.output;
-        let text = |path: &str| absolute(path).map(|path| Value::from(path).to_string());
+        let text = |path: &str| absolute_pattern(path).map(|path| Value::from(path).to_string());
         let own = overrides.iter().flat_map(|(key, value)| set(key, value));
         let mut render: Vec<String> = own.clone().collect();
         render.extend(set("output.image", &text(&output.image)?));
@@ -55,7 +52,7 @@ impl Job {
         }
         let mut bake = None;
         if arguments.bake {
-            let volume = absolute(&output.volume)?;
+            let volume = absolute_pattern(&output.volume)?;
             render.extend(set("smoke", &baked_smoke(&scene, &volume)?));
             let mut words: Vec<String> = own.chain(["--output".to_string(), volume]).collect();
             if !scene.settings.output.volume_grids.is_empty() {
@@ -64,10 +61,35 @@ impl Job {
             }
             bake = Some(words);
         }
-        let scene_file = absolute(&arguments.scene.to_string_lossy())?;
+        let scene_file = absolute(&arguments.scene)?;
         let (name, chunk) = (scene.name().to_string(), arguments.chunk as usize);
         Ok(Self { name, scene: scene_file, frames, chunk, render, bake })
     }
+}
+
+fn absolute(path: &Path) -> Result<String, Error> {
+    let absolute = std::path::absolute(path).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))?;
+    absolute.into_os_string().into_string().map_err(|path| {
+        let path = path.to_string_lossy();
+        Error::Usage(format!("{path}: jobs are text, and this name is not UTF-8; start from a folder whose name is"))
+    })
+}
+
+/// The same of names that stand for a sequence of files: nothing in the folder that comes before may then stand for a frame.
+fn absolute_pattern(pattern: &str) -> Result<String, Error> {
+    let whole = absolute(Path::new(pattern))?;
+    if Path::new(pattern).is_relative() {
+        let folder = absolute(Path::new("."))? + "/";
+        if Pattern::parse(&folder).is_ok_and(|read| *read.pieces() != [Piece::Literal(folder.clone())])
+            || folder.contains('{')
+        {
+            return Err(Error::Usage(format!(
+                "{pattern}: its place, {folder}, holds what would stand for a frame or a scene in names of files (#, %d, $F, \
+                 {{…}}); start from another folder, or write a whole name that begins elsewhere"
+            )));
+        }
+    }
+    Ok(whole)
 }
 
 fn set(key: &str, value: &str) -> [String; 2] {
@@ -76,6 +98,10 @@ fn set(key: &str, value: &str) -> [String; 2] {
 
 /// The smoke of a scene, read from files that were baked of it.
 fn baked_smoke(scene: &Scene, volume: &str) -> Result<String, Error> {
+    if scene.settings.output.aovs.contains(&settings::Aov::Motion) {
+        let problem = "--bake: the layer `motion` shows how smoke moves, which baked files do not hold; leave out the one or the other";
+        return Err(Error::Usage(problem.into()));
+    }
     let smoke = match &scene.settings.smoke {
         Some(smoke) if smoke.file.is_some() => {
             return Err(Error::Usage("--bake: the scene reads its smoke from files already; leave it out".into()));

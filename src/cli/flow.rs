@@ -1,7 +1,7 @@
 //! `curlsmoke flow slice`.
 
 use crate::cli::args::{FlowVerb, InspectArguments, PlaneArguments, SliceArguments, SliceQuantity};
-use crate::cli::frames::{frames, load_scene, start_threads};
+use crate::cli::frames::{frames, listed, load_scene, start_threads};
 use crate::cli::{log, print_result};
 use crate::error::Error;
 use crate::inspect::plane::{Rectangle, choose};
@@ -68,7 +68,7 @@ fn slice(arguments: &SliceArguments) -> Result<u8, Error> {
 /// The scene of a command, the frame it looks at, and what there is to see.
 pub(super) fn open(arguments: &InspectArguments) -> Result<(Scene, i32, Inspection), Error> {
     let common = arguments.to_frame_arguments();
-    let scene = load_scene(&common, Vec::new())?;
+    let scene = load_scene(&common, Vec::new(), listed(common.frames.as_deref())?.as_deref())?;
     let frame = frames(&common, &scene)?.first().copied().unwrap_or(scene.settings.frames.first);
     start_threads(common.threads)?;
     let inspection = pipeline::inspection(&scene, frame)?;

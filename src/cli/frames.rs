@@ -7,12 +7,17 @@ use crate::output::frames;
 use crate::scene::Scene;
 use crate::scene::pattern::spell;
 
-/// The scene with all flags applied that change it, `more` in front so that `--set` has the last word.
-pub fn load_scene(arguments: &FrameArguments, more: Vec<(String, String)>) -> Result<Scene, Error> {
+/// The scene with all flags applied that change it, `more` in front so that `--set` has the last word; to make its frames, or all where
+/// `None`.
+pub fn load_scene(
+    arguments: &FrameArguments,
+    more: Vec<(String, String)>,
+    frames: Option<&[i32]>,
+) -> Result<Scene, Error> {
     let mut overrides = more;
     overrides.extend(flags(arguments));
     overrides.extend(set_by_hand(arguments));
-    warn_about(Scene::load_with(&arguments.scene, &overrides), |scene| {
+    warn_about(Scene::load_for(&arguments.scene, &overrides, frames), |scene| {
         scene.warnings.iter().map(ToString::to_string).collect()
     })
 }
@@ -27,6 +32,11 @@ pub fn flags(arguments: &FrameArguments) -> Vec<(String, String)> {
 /// What `--set` says.
 pub fn set_by_hand(arguments: &FrameArguments) -> Vec<(String, String)> {
     arguments.overrides.iter().map(|o| (o.0.clone(), o.1.clone())).collect()
+}
+
+/// The frames that `--frames` lists, if it is there, before it is known which the scene has.
+pub fn listed(text: Option<&str>) -> Result<Option<Vec<i32>>, Error> {
+    Ok(text.map(frames::parse).transpose()?.map(|list| list.frames))
 }
 
 /// The frames to make: those of `--frames`, or all of the scene.

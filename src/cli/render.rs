@@ -1,7 +1,7 @@
 //! `curlsmoke render`.
 
 use crate::cli::args::{RenderArguments, WatchArguments};
-use crate::cli::frames::{flags, frames, load_scene, set_by_hand, start_threads};
+use crate::cli::frames::{flags, frames, listed, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
 use crate::cli::values::Samples;
@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Renders; the exit code.
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
-    let scene = scene_of(arguments)?;
+    let scene = scene_of(arguments, listed(arguments.common.frames.as_deref())?.as_deref())?;
     let frames = frames(&arguments.common, &scene)?;
     let resolution = scene.settings.film.resolution;
     let crop = arguments.crop.map(|crop| crop.bounds(resolution)).transpose().map_err(Error::Usage)?;
@@ -137,8 +137,8 @@ pub(super) fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Er
     Err(Error::Usage(format!("--samples {first}-{last}: {problem}")))
 }
 
-/// The scene with the flags of `render` applied.
-pub(super) fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
+/// The scene with the flags of `render` applied, to make some of its frames, or all where `None`.
+pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> Result<Scene, Error> {
     let mut overrides = Vec::new();
     if let Some(noise) = arguments.noise_target {
         overrides.push(("film.noise_target".to_string(), noise.to_string()));
@@ -151,7 +151,7 @@ pub(super) fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
     }
     if let Some(resolution) = arguments.resolution {
         // A share needs to know of what. Errors of the scene come out here as well as below.
-        let own = Scene::load(&arguments.common.scene)?.settings.film.resolution;
+        let own = Scene::load_for(&arguments.common.scene, &[], frames)?.settings.film.resolution;
         let [width, height] = resolution.pixels(own);
         overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
     }
@@ -162,14 +162,14 @@ pub(super) fn scene_of(arguments: &RenderArguments) -> Result<Scene, Error> {
         // Text in JSON is text in YAML too, whatever it holds.
         let quoted = |text: &str| serde_json::Value::from(text).to_string();
         overrides.push(("output.image".to_string(), quoted(image)));
-        let scene = Scene::load_with(&arguments.common.scene, &set_by_hand(&arguments.common))?;
+        let scene = Scene::load_for(&arguments.common.scene, &set_by_hand(&arguments.common), frames)?;
         let has_own_name = arguments.common.overrides.iter().any(|set| set.0 == "output.preview");
         if scene.settings.output.preview.is_some() && !has_own_name {
             let preview = image.strip_suffix(".exr").unwrap_or(image);
             overrides.push(("output.preview".to_string(), quoted(&format!("{preview}.png"))));
         }
     }
-    load_scene(&arguments.common, overrides)
+    load_scene(&arguments.common, overrides, frames)
 }
 
 /// The scene with the flags of `watch` applied. Its warnings are for the caller to tell, who reads it many times.

@@ -30,7 +30,7 @@ pub(super) fn run(mut arguments: TurntableArguments) -> Result<u8, Error> {
     if list.duplicate_count > 0 {
         log(&format!("note: {} views are listed more than once and made once", list.duplicate_count));
     }
-    let scene = scene_of(render)?;
+    let scene = scene_of(render, arguments.at.as_ref().map(std::slice::from_ref))?;
     let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
     let frame = arguments.at.unwrap_or(first);
     if !(first..=last).contains(&frame) {

@@ -20,7 +20,7 @@ pub(super) fn run(arguments: &WatchArguments) -> Result<u8, Error> {
     // Without a viewer a page is the one way to see anything.
     let port = arguments.serve.or(arguments.display.is_none().then_some(server::PORT));
     if let Some(port) = port {
-        print_result(&server::serve(&board, port)?)?;
+        print_result(&server::serve(&board, port, |text| log(&text))?)?;
     }
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let viewer = arguments.display.as_ref().map(|display| Tev::start(display.address.clone(), name, |text| log(&text)));
@@ -39,8 +39,8 @@ pub(super) fn run(arguments: &WatchArguments) -> Result<u8, Error> {
         tell: &|event| log(&line(event)),
     };
     watch.run()?;
-    // Watching ends in no other way, so this is how it is done.
-    Ok(0)
+    // Watching ends in no other way.
+    Ok(signals.received().map_or(0, |signal| 128 + signal))
 }
 
 /// An event as people read it.

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -26,6 +27,10 @@ const MAGIC: &[u8; 17] = b"curlsmoke part 1\n";
 const HASH_LENGTH: u64 = 32;
 /// Longest head that is read [bytes]: names of shapes make up most of it.
 const HEAD_MAX: u64 = 64 << 20;
+/// Memory that a head takes for each byte of its text, at most [bytes].
+const HEAD_FACTOR: u64 = 16;
+/// Shortest tile, of which there is one pixel [bytes].
+const TILE_MIN: u64 = 33;
 /// Largest edge of a tile that is read [pixels].
 const EDGE_MAX: u32 = 4096;
 
@@ -90,16 +95,41 @@ impl Head {
     }
 }
 
-/// A file that was found whole.
+/// A file that was found whole. It is not held open: there may be more of them than a program may open.
 #[derive(Debug)]
 pub struct PartFile {
     /// Where it is.
     pub path: PathBuf,
     /// What it is of.
     pub head: Head,
+    identity: Identity,
+    memory_limit: u64,
+    places: Vec<TilePlace>,
+}
+
+/// Where a tile is in a file.
+#[derive(Debug, Clone, Copy)]
+struct TilePlace {
+    index: u64,
+    start: u64,
+    size: u64,
+}
+
+/// What tells that a file is still the one that was found whole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Identity([i64; 5]);
+
+impl Identity {
+    fn of(file: &File) -> io::Result<Self> {
+        let m = file.metadata()?;
+        Ok(Self([m.dev() as i64, m.ino() as i64, m.size() as i64, m.mtime(), m.mtime_nsec()]))
+    }
+}
+
+/// A file of a part that is open for its tiles.
+pub struct TileReader<'a> {
+    part: &'a PartFile,
     file: File,
-    /// Place and length of each tile, `None` for those that are not in the file.
-    places: Vec<Option<(u64, u64)>>,
 }
 
 /// Writes a file of the tiles that are done.
@@ -142,11 +172,12 @@ impl<W: Write> Hashing<W> {
 }
 
 impl PartFile {
-    /// Opens a file and makes sure that it is whole.
+    /// Reads the head of a file and where its tiles are, and makes sure that it is whole. No more memory is taken for it, now or later,
+    /// than `memory_limit` [bytes], whatever it holds.
     ///
     /// # Errors
-    /// When it is missing, unreadable, no such file, of another format, cut short or damaged.
-    pub fn open(path: &Path) -> Result<Self, OutputError> {
+    /// When it is missing, unreadable, no such file, of another format, cut short or damaged, or would take more memory.
+    pub fn open(path: &Path, memory_limit: u64) -> Result<Self, OutputError> {
         let unreadable = |cause: io::Error| match cause.kind() {
             io::ErrorKind::NotFound => OutputError::Missing { path: path.into() },
             _ => OutputError::Unreadable { path: path.into(), cause },
@@ -180,6 +211,7 @@ impl PartFile {
         if head_length > HEAD_MAX || head_length > end.saturating_sub(at) {
             return Err(invalid("its head is too long"));
         }
+        check_memory(path, HEAD_FACTOR * head_length, memory_limit)?;
         let mut text = vec![0; head_length as usize];
         file.read_exact(&mut text).map_err(unreadable)?;
         at += head_length;
@@ -189,54 +221,64 @@ impl PartFile {
         }
         let [x0, y0, x1, y1] = head.bounds.map(u64::from);
         let tiles = (x1 - x0).div_ceil(head.tile_edge.into()) * (y1 - y0).div_ceil(head.tile_edge.into());
-        let mut places = Vec::new();
+        let mut places: Vec<TilePlace> = Vec::new();
         while at < end {
             if end - at < 16 {
                 return Err(invalid("its tiles do not end where it does"));
             }
             let (index, size) = (number(&mut file, &mut at)?, number(&mut file, &mut at)?);
-            // In their order, so that no memory is taken for tiles that are not there.
-            if index >= tiles || index < places.len() as u64 || size > end - at {
-                return Err(invalid("its tiles are out of order or too long"));
+            let is_next = places.last().is_none_or(|last| index > last.index);
+            if index >= tiles || !is_next || !(TILE_MIN..=end - at).contains(&size) {
+                return Err(invalid("its tiles are out of order, too short or too long"));
             }
-            // A tile is at least a byte for each of its pixels, which bounds how many there can be.
-            if index > length {
-                return Err(invalid("it has tiles far apart"));
-            }
-            places.resize(index as usize, None);
-            places.push(Some((at, size)));
+            places.push(TilePlace { index, start: at, size });
+            check_memory(path, (places.capacity() * size_of::<TilePlace>()) as u64, memory_limit)?;
             at += size;
         }
-        Ok(Self { path: path.into(), head, file, places })
+        let identity = Identity::of(&file).map_err(unreadable)?;
+        Ok(Self { path: path.into(), head, identity, memory_limit, places })
     }
 
     /// Tiles in the file, and in the picture.
     pub fn tile_counts(&self) -> [usize; 2] {
-        [self.places.iter().flatten().count(), self.head.canvas().tiles().len()]
+        [self.places.len(), self.head.canvas().tiles().len()]
     }
 
-    /// The bytes of a tile; `None` where it is not in the file.
+    /// Length of a tile [bytes]; 0 where it is not in the file.
+    pub fn tile_size(&self, index: usize) -> u64 {
+        self.place(index).map_or(0, |place| place.size)
+    }
+
+    fn place(&self, index: usize) -> Option<TilePlace> {
+        self.places.binary_search_by_key(&(index as u64), |place| place.index).ok().map(|i| self.places[i])
+    }
+
+    /// Opens the file again, for its tiles.
     ///
     /// # Errors
-    /// When the file can no longer be read.
-    pub fn tile_bytes(&mut self, index: usize) -> Result<Option<Vec<u8>>, OutputError> {
-        let Some((place, size)) = self.places.get(index).copied().flatten() else { return Ok(None) };
-        let mut bytes = vec![0; size as usize];
-        let read = self.file.seek(SeekFrom::Start(place)).and_then(|_| self.file.read_exact(&mut bytes));
-        read.map_err(|cause| OutputError::Unreadable { path: self.path.clone(), cause })?;
-        Ok(Some(bytes))
+    /// When it can no longer be read, or is another one by now.
+    pub fn reader(&self) -> Result<TileReader<'_>, OutputError> {
+        let unreadable = |cause| OutputError::Unreadable { path: self.path.clone(), cause };
+        let file = File::open(&self.path).map_err(unreadable)?;
+        if Identity::of(&file).map_err(unreadable)? != self.identity {
+            let problem = "it was written anew while it was read; start again".into();
+            return Err(OutputError::Invalid { path: self.path.clone(), format: "part", problem });
+        }
+        Ok(TileReader { part: self, file })
     }
 
     /// All tiles at their places.
     ///
     /// # Errors
-    /// When a tile is not what the head says.
-    pub fn tiles(&mut self) -> Result<Vec<Option<Arc<Tile>>>, OutputError> {
+    /// When a tile is not what the head says, or all of them take too much memory.
+    pub fn tiles(&self) -> Result<Vec<Option<Arc<Tile>>>, OutputError> {
         let canvas = self.head.canvas();
         let is_sums = self.head.samples.is_some();
+        check_memory(&self.path, self.places.iter().map(|place| place.size).sum(), self.memory_limit)?;
+        let mut reader = self.reader()?;
         let mut tiles = Vec::new();
         for (index, bounds) in canvas.tiles().iter().enumerate() {
-            let tile = match self.tile_bytes(index)? {
+            let tile = match reader.tile_bytes(index)? {
                 Some(bytes) => {
                     Some(Tile::decode(&bytes, &canvas, bounds, is_sums).ok_or_else(|| self.bad_tile(index))?)
                 }
@@ -251,20 +293,37 @@ impl PartFile {
     ///
     /// # Errors
     /// [`OutputError::TooLarge`] when not.
-    pub fn check_memory(&self, limit: u64) -> Result<(), OutputError> {
-        /// A pixel in tiles, in the film and in the picture, and a number of a further layer [bytes].
+    pub fn check_memory(&self) -> Result<(), OutputError> {
+        /// A pixel in tiles, in the film and in the picture, a number of a further layer, and a tile besides its pixels [bytes].
         const PIXEL_BYTES: u64 = 96;
         const LAYER_BYTES: u64 = 12;
+        const TILE_BYTES: u64 = 256;
         let [x0, y0, x1, y1] = self.head.bounds.map(u64::from);
         let channels = self.head.canvas().channel_count() as u64;
         let needed = ((x1 - x0) * (y1 - y0)).saturating_mul(PIXEL_BYTES + channels.saturating_mul(LAYER_BYTES));
-        check_memory(&self.path, needed, limit)
+        let edge = u64::from(self.head.tile_edge);
+        let tiles = (x1 - x0).div_ceil(edge) * (y1 - y0).div_ceil(edge);
+        check_memory(&self.path, needed.saturating_add(tiles.saturating_mul(TILE_BYTES)), self.memory_limit)
     }
 
     /// The error of a tile whose bytes are not those of such a tile.
     pub fn bad_tile(&self, index: usize) -> OutputError {
         let problem = format!("tile {index} is not what its head says; render it again");
         OutputError::Invalid { path: self.path.clone(), format: "part", problem }
+    }
+}
+
+impl TileReader<'_> {
+    /// The bytes of a tile; `None` where it is not in the file.
+    ///
+    /// # Errors
+    /// When the file can no longer be read.
+    pub fn tile_bytes(&mut self, index: usize) -> Result<Option<Vec<u8>>, OutputError> {
+        let Some(TilePlace { start, size, .. }) = self.part.place(index) else { return Ok(None) };
+        let mut bytes = vec![0; size as usize];
+        let read = self.file.seek(SeekFrom::Start(start)).and_then(|_| self.file.read_exact(&mut bytes));
+        read.map_err(|cause| OutputError::Unreadable { path: self.part.path.clone(), cause })?;
+        Ok(Some(bytes))
     }
 }
 

@@ -9,7 +9,7 @@ use crate::output::part::{self, Finish, PartFile};
 use crate::output::sidecar::{self, Sidecar, sidecar_path};
 use crate::output::{OutputError, exr, file, png};
 use crate::pipeline::keeper::Keeper;
-use crate::pipeline::parse_pattern;
+use crate::pipeline::{memory_limit, parse_pattern};
 use crate::progress::{Progress, Stage};
 use crate::render;
 use crate::render::film::Film;
@@ -50,6 +50,7 @@ pub(super) struct OutputFiles {
     layers: Vec<String>,
     /// The part of the paths that goes to a file of its own, if it is one.
     samples: Option<[u32; 2]>,
+    memory_limit: u64,
 }
 
 /// Where a picture goes.
@@ -69,6 +70,7 @@ impl OutputFiles {
             scene_name: scene.name().into(),
             layers: layers_apart(output.layout.into(), &render::layers(&scene.settings)),
             samples,
+            memory_limit: memory_limit(scene),
         })
     }
 
@@ -118,7 +120,7 @@ impl OutputFiles {
     /// Whether a frame is finished, made from what has this fingerprint.
     pub(super) fn is_complete(&self, frame: i32, fingerprint: &str) -> bool {
         match self.part(frame) {
-            Some(part) => PartFile::open(&part)
+            Some(part) => PartFile::open(&part, self.memory_limit)
                 .is_ok_and(|part| part.head.record.fingerprint == fingerprint && part.head.samples == self.samples),
             None => sidecar::is_complete(&sidecar_path(&self.image(frame)), fingerprint, &self.of_frame(frame)),
         }

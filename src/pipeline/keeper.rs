@@ -6,8 +6,8 @@ use crate::output::file::write_atomic;
 use crate::output::part::{self, Finish, Head, PartFile};
 use crate::output::sidecar::Sidecar;
 use crate::output::view::View as ScreenView;
-use crate::pipeline::RenderJob;
 use crate::pipeline::frame_files::{OutputFiles, Target, encode, finish_of};
+use crate::pipeline::{RenderJob, memory_limit};
 use crate::progress::Progress;
 use crate::render::ledger::{Ledger, Tile};
 use crate::render::tiles::{self, View};
@@ -24,6 +24,7 @@ pub(super) struct Keeper<'a> {
     every: Option<Duration>,
     /// Passes over all tiles leave none done before the end.
     is_in_passes: bool,
+    memory_limit: u64,
     last: Mutex<Instant>,
     progress: &'a dyn Progress,
 }
@@ -57,6 +58,7 @@ impl<'a> Keeper<'a> {
             snapshot: files.snapshot(record.frame),
             every: job.checkpoint,
             is_in_passes: view.time_limit.is_some(),
+            memory_limit: memory_limit(scene),
             last: Mutex::new(Instant::now()),
             progress,
         }
@@ -77,7 +79,7 @@ impl<'a> Keeper<'a> {
                 .note(&format!("frame {frame}: the checkpoint {} is not used: {why}", self.checkpoint.display()));
             Vec::new()
         };
-        let mut file = match PartFile::open(&self.checkpoint) {
+        let file = match PartFile::open(&self.checkpoint, self.memory_limit) {
             Ok(file) => file,
             Err(OutputError::Missing { .. }) => return Vec::new(),
             Err(error) => return unused(&error.to_string()),

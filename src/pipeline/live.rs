@@ -95,6 +95,8 @@ pub struct LiveStudio {
     volumes: Slot<(Inputs, u64), Vec<Volume>>,
     shadows: Slot<[u64; 4], SunShadows>,
     world: Option<World>,
+    /// What was last said of where the camera is.
+    camera_warning: Option<String>,
     /// How many lights of `world` are the scene's own, before shapes that shine.
     own_lights: usize,
 }
@@ -115,7 +117,11 @@ impl LiveStudio {
 
         note(Part::Shapes, self.shapes.renew(inputs(Part::Shapes)?, || Ok(build_geometry(scene, progress)?))?);
         let (geometry, shapes) = (self.shapes.get()?, self.shapes.generation);
-        geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
+        let warning = geometry.camera_warning(scene);
+        if warning != self.camera_warning {
+            warning.iter().for_each(|warning| progress.note(warning));
+            self.camera_warning = warning;
+        }
         let place = || {
             let shutter = shutter_of(scene, geometry, time);
             let geometry = if geometry.moves() { geometry.at_shutter(&shutter) } else { geometry.clone() };

@@ -4,8 +4,8 @@ use crate::error::Error;
 use crate::math::parallel;
 use crate::output::frames::check_distinct;
 use crate::output::part::PartFile;
-use crate::output::part_set;
 use crate::output::sidecar::{MergedPart, Sidecar};
+use crate::output::{check_memory, part_set};
 use crate::pipeline::frame_files::{Target, check_writable, layer_files, layers_apart, name_of, write_picture};
 use crate::pipeline::parse_pattern;
 use crate::progress::Progress;
@@ -14,8 +14,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Tiles that are read before they are joined, on all threads.
+/// Tiles that are read before they are joined, on all threads, and their bytes in all parts, unless a single one has more.
 const TILES_AT_ONCE: usize = 256;
+const BYTES_AT_ONCE: u64 = 64 << 20;
 
 /// What to merge.
 #[derive(Debug, Clone)]
@@ -41,8 +42,8 @@ pub fn merge(
 ) -> Result<(), Error> {
     let mut frames: BTreeMap<i32, Vec<PartFile>> = BTreeMap::new();
     for path in &job.parts {
-        let part = PartFile::open(path)?;
-        part.check_memory(job.memory_limit)?;
+        let part = PartFile::open(path, job.memory_limit)?;
+        part.check_memory()?;
         frames.entry(part.head.record.frame).or_default().push(part);
     }
     for parts in frames.values_mut() {
@@ -67,9 +68,9 @@ pub fn merge(
         [target.image.clone()].into_iter().chain(layers).chain(target.preview.clone())
     }))?;
     let count = frames.len();
-    for (index, ((frame, mut parts), target)) in frames.into_iter().zip(targets.values()).enumerate() {
+    for (index, ((frame, parts), target)) in frames.into_iter().zip(targets.values()).enumerate() {
         progress.frame(frame, index, count);
-        let tiles = join(&mut parts)?;
+        let tiles = join(&parts, job.memory_limit)?;
         let head = &parts[0].head;
         let film = head.canvas().film(head.spp, &tiles);
         drop(tiles);
@@ -84,18 +85,21 @@ pub fn merge(
 }
 
 /// The finished tiles of a picture.
-fn join(parts: &mut [PartFile]) -> Result<Vec<Option<Arc<Tile>>>, Error> {
+fn join(parts: &[PartFile], memory_limit: u64) -> Result<Vec<Option<Arc<Tile>>>, Error> {
     let canvas = parts[0].head.canvas();
     let bounds = canvas.tiles();
     let mut tiles = Vec::with_capacity(bounds.len());
-    for (chunk, bounds) in bounds.chunks(TILES_AT_ONCE).enumerate() {
-        let first = chunk * TILES_AT_ONCE;
-        let mut read: Vec<Vec<Vec<u8>>> = Vec::new();
-        for index in first..first + bounds.len() {
-            let bytes = parts.iter_mut().map(|part| part.tile_bytes(index));
-            read.push(bytes.map(|bytes| bytes.map(Option::unwrap_or_default)).collect::<Result<_, _>>()?);
+    while tiles.len() < bounds.len() {
+        let first = tiles.len();
+        let bounds = &bounds[first..first + tiles_at_once(parts, first, bounds.len(), memory_limit)?];
+        let mut read = vec![Vec::with_capacity(parts.len()); bounds.len()];
+        // A part at a time, for so many files cannot be open at once.
+        for part in parts {
+            let mut reader = part.reader()?;
+            for (i, read) in read.iter_mut().enumerate() {
+                read.push(reader.tile_bytes(first + i)?.unwrap_or_default());
+            }
         }
-        let parts = &*parts;
         let joined = parallel::try_map(read.iter().zip(bounds), |i, (bytes, bounds)| {
             let mut sums = Vec::new();
             for (part, bytes) in parts.iter().zip(bytes) {
@@ -113,6 +117,22 @@ fn join(parts: &mut [PartFile]) -> Result<Vec<Option<Arc<Tile>>>, Error> {
         tiles.extend(joined.into_iter().map(|tile| Some(Arc::new(tile))));
     }
     Ok(tiles)
+}
+
+/// How many tiles to read, from `first` on, of `count` in all.
+fn tiles_at_once(parts: &[PartFile], first: usize, count: usize, memory_limit: u64) -> Result<usize, Error> {
+    let bytes_of = |index: usize| parts.iter().map(|part| part.tile_size(index)).sum::<u64>();
+    let mut bytes = bytes_of(first);
+    check_memory(&parts[0].path, bytes, memory_limit)?;
+    let mut end = first + 1;
+    while end < count.min(first + TILES_AT_ONCE) {
+        bytes += bytes_of(end);
+        if bytes > BYTES_AT_ONCE.min(memory_limit) {
+            break;
+        }
+        end += 1;
+    }
+    Ok(end - first)
 }
 
 /// How a merged frame came about.

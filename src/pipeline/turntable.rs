@@ -5,7 +5,7 @@ use crate::geometry::{keys, vector};
 use crate::math::hash::Seed;
 use crate::output::frames::check_distinct;
 use crate::pipeline::fingerprint::InputHash;
-use crate::pipeline::{FrameOutcome, OutputFiles, RenderJob, Shot, Studio, check_writable, make, time_of};
+use crate::pipeline::{FrameOutcome, OutputFiles, RenderJob, Shot, Studio, check_sums, check_writable, make, time_of};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::scene::settings::Keyed;
@@ -28,6 +28,7 @@ pub fn turntable(
     let files = OutputFiles::new(scene, job.samples)?;
     check_distinct(&job.frames, |view| files.image(view))?;
     check_writable(job.frames.iter().map(|&view| files.to_write(view)))?;
+    check_sums(scene, job, &files)?;
     let [Some(&first), Some(&last)] = [job.frames.iter().min(), job.frames.iter().max()] else { return Ok(()) };
     let mut studio: Option<Studio> = None;
     for (index, &view) in job.frames.iter().enumerate() {

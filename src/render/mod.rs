@@ -50,7 +50,7 @@ pub mod tracking;
 pub mod vertex;
 pub mod world;
 
-pub use crate::render::from_scene::lights::build_lights;
+pub use crate::render::from_scene::lights::{build_lights, check_lights};
 pub use crate::render::from_scene::materials::build_materials;
 pub use crate::render::from_scene::textures::TextureStore;
 
@@ -376,7 +376,7 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
     let film = &settings.film;
     let seed = Seed(settings.render.seed);
     View {
-        camera: CameraCourse::new(scene).at(frame_time(settings, frame)).expect("was checked before"),
+        camera: CameraCourse::new(scene).at(settings.frames.time(f64::from(frame))).expect("was checked before"),
         shutter: None,
         resolution: film.resolution,
         bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
@@ -405,7 +405,7 @@ pub fn camera_course(scene: &Scene) -> CameraCourse {
 /// # Errors
 /// [`RenderError::CameraNowhere`] where it does not.
 pub fn check_camera(scene: &Scene, frame: i32) -> Result<(), RenderError> {
-    CameraCourse::new(scene).at(frame_time(&scene.settings, frame)).map(|_| ())
+    CameraCourse::new(scene).at(scene.settings.frames.time(f64::from(frame))).map(|_| ())
 }
 
 /// Lets the paths of a view see camera and shapes at times of their own while the shutter is open; a view in which nothing
@@ -416,11 +416,6 @@ pub fn take_time(view: &mut View, scene: &Scene, shapes: Shutter) {
     if shapes.moves() || (course.varies() && !is_instant) {
         view.shutter = Some(Arc::new(ViewShutter { shapes, camera: course.varies().then_some(course) }));
     }
-}
-
-/// Time of a frame [s].
-fn frame_time(settings: &settings::Settings, frame: i32) -> f64 {
-    (f64::from(frame) - f64::from(settings.frames.first)) / settings.frames.fps
 }
 
 /// The further layers that a scene asks for, each once.

@@ -132,7 +132,15 @@ impl Scene {
     /// # Errors
     /// As `load`; problems in an override name it as `--set KEY`.
     pub fn load_with(path: &Path, overrides: &[(String, String)]) -> Result<Self, SceneError> {
-        Self::from_text_with(&read_text(path)?, path, overrides)
+        Self::load_for(path, overrides, None)
+    }
+
+    /// As `load_with`, to make some of its frames alone: files of other frames need not be there. All frames where `None`.
+    ///
+    /// # Errors
+    /// As `load_with`.
+    pub fn load_for(path: &Path, overrides: &[(String, String)], frames: Option<&[i32]>) -> Result<Self, SceneError> {
+        Self::from_text_for(&read_text(path)?, path, overrides, frames)
     }
 
     /// Reads a scene from text; `path` names it in messages, and relative files start from its folder.
@@ -148,6 +156,15 @@ impl Scene {
     /// # Errors
     /// All errors of the scene.
     pub fn from_text_with(text: &str, path: &Path, overrides: &[(String, String)]) -> Result<Self, SceneError> {
+        Self::from_text_for(text, path, overrides, None)
+    }
+
+    fn from_text_for(
+        text: &str,
+        path: &Path,
+        overrides: &[(String, String)],
+        frames: Option<&[i32]>,
+    ) -> Result<Self, SceneError> {
         let mut sources = vec![file_source(path, text.to_owned())];
         for (key, value) in overrides {
             sources.push(Source { name: format!("--set {key}"), text: value.clone(), is_flag: true });
@@ -167,7 +184,7 @@ impl Scene {
                 return Err(SceneError::Faulty(collector.finish()));
             }
         };
-        validate::validate(&settings, &tree, &conformed.mended, &conformed.keyed, path, &mut collector);
+        validate::validate(&settings, &tree, &conformed.mended, &conformed.keyed, path, frames, &mut collector);
         let diagnostics = collector.finish();
         if diagnostics.iter().any(|d| d.severity == Severity::Error) {
             return Err(SceneError::Faulty(diagnostics));

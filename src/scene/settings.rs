@@ -120,8 +120,8 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// The time of a frame [s], the first being at 0.
-    pub fn time_of(&self, frame: f64) -> f64 {
+    /// Time of a frame, or of a moment between two [s]; the first frame is at 0.
+    pub fn time(&self, frame: f64) -> f64 {
         (frame - f64::from(self.first)) / self.fps
     }
 }

@@ -27,16 +27,17 @@ const RESERVED_GROUPS: [&str; 2] = ["emission", "other"];
 const SUN_DIAMETER_MIN: f64 = 0.01;
 
 /// Checks settings that fit the schema, whose values over time are `keyed`. Keys in `mended`, and what depends on them, are not
-/// judged.
+/// judged. Files of frames beyond `frames` need not be there.
 pub fn validate(
     settings: &Settings,
     tree: &Node,
     mended: &[String],
     keyed: &[KeyedFrames],
     path: &Path,
+    frames: Option<&[i32]>,
     collector: &mut Collector<'_>,
 ) {
-    let mut check = Check { settings, tree, mended, path, collector };
+    let mut check = Check { settings, tree, mended, path, frames_to_make: frames, collector };
     check.frames(&settings.frames);
     check.key_times(keyed);
     check.camera(&settings.camera);
@@ -60,6 +61,8 @@ pub(crate) struct Check<'s, 'c, 'a> {
     tree: &'s Node,
     mended: &'s [String],
     pub(crate) path: &'s Path,
+    /// All of the scene where `None`.
+    pub(crate) frames_to_make: Option<&'s [i32]>,
     collector: &'c mut Collector<'a>,
 }
 
@@ -177,7 +180,7 @@ impl<'s> Check<'s, '_, '_> {
             return;
         }
         for frames in keyed {
-            let times: Vec<f64> = frames.iter().map(|(frame, _)| self.settings.frames.time_of(*frame)).collect();
+            let times: Vec<f64> = frames.iter().map(|(frame, _)| self.settings.frames.time(*frame)).collect();
             let rises = |pair: &[f64]| pair[0] < pair[1];
             if let Some(i) = times.windows(2).position(|pair| !rises(pair)) {
                 let (frame, key) = &frames[i + 1];

@@ -14,7 +14,7 @@ const KERNEL_VOXELS_MAX: f64 = 64.0;
 /// Most steps of a particle's clock from the first birth to the last frame.
 const STEP_COUNT_MAX: f64 = 1e7;
 /// Frames of a density sequence that are looked for.
-const FILE_COUNT_MAX: i64 = 10_000;
+const FILE_COUNT_MAX: usize = 10_000;
 /// Beyond this asymmetry, light paths become so rare that pictures hardly converge.
 const G_SENSIBLE: f64 = 0.95;
 /// Mean optical depth over the picture below which no eye sees the smoke.
@@ -231,7 +231,7 @@ impl Check<'_, '_, '_> {
         }
     }
 
-    /// The .vdb files of all frames, which must be there.
+    /// The .vdb files of all frames to make, which must be there.
     pub(crate) fn density_file(&mut self, key: &str, file: &DensityFile, is_hot: bool) {
         if is_hot && file.emission.is_some() {
             let message = "smoke glows by its temperature or as the file says, not both";
@@ -248,8 +248,7 @@ impl Check<'_, '_, '_> {
         let key = &format!("{key}.path");
         let Some(pattern) = self.pattern(key, &file.path, "vdb") else { return };
         let frames = &self.settings.frames;
-        let count = i64::from(frames.last) - i64::from(frames.first) + 1;
-        if !self.is_sound("frames") || count < 1 {
+        if !self.is_sound("frames") || frames.last < frames.first {
             return;
         }
         let scene = self.path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
@@ -260,14 +259,17 @@ impl Check<'_, '_, '_> {
             }
             return;
         }
-        let looked = count.min(FILE_COUNT_MAX) as usize;
+        let all = frames.first..=frames.last;
+        let looked: Vec<i32> = match self.frames_to_make {
+            // Those that the scene does not have are somebody else's to refuse.
+            Some(some) => some.iter().copied().filter(|frame| all.contains(frame)).take(FILE_COUNT_MAX).collect(),
+            None => all.take(FILE_COUNT_MAX).collect(),
+        };
         let name_of = |frame: &i32| pattern.expand(*frame, &scene);
-        let missing: Vec<i32> = (frames.first..=frames.last)
-            .take(looked)
-            .filter(|frame| !resolve(self.path, &name_of(frame)).is_file())
-            .collect();
+        let is_missing = |frame: &i32| !resolve(self.path, &name_of(frame)).is_file();
+        let missing: Vec<i32> = looked.iter().copied().filter(is_missing).collect();
         if let Some(first) = missing.first() {
-            self.missing_frames(key, &missing, looked, &name_of(first));
+            self.missing_frames(key, &missing, looked.len(), &name_of(first));
         }
     }
 

@@ -31,11 +31,25 @@ pub fn build_lights(scene: &Scene, time: f64, load: LoadPicture) -> Result<Vec<L
     let at = At { scene, time };
     let mut lights = Vec::new();
     for (light_idx, settings) in scene.settings.lights.iter().enumerate() {
-        let built = light(at, settings, load).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?;
-        lights.push(built);
+        let built = match settings {
+            settings::Light::Environment(e) => environment(at, e, load).map(|e| Some(Light::Environment(e))),
+            _ => lamp(at, settings),
+        };
+        lights.extend(built.map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })?);
         lights.extend(sky_with_sun(settings).map(|(environment, sky)| sun_of(at, environment, sky)));
     }
     Ok(lights)
+}
+
+/// Makes sure that the lights of a scene are somewhere at a time [s], without their pictures.
+///
+/// # Errors
+/// [`RenderError::Light`] with the first that is not: a keyed rectangle without an area, a keyed direction of length 0.
+pub fn check_lights(scene: &Scene, time: f64) -> Result<(), RenderError> {
+    let at = At { scene, time };
+    scene.settings.lights.iter().enumerate().try_for_each(|(light_idx, settings)| {
+        lamp(at, settings).map(drop).map_err(|e| RenderError::Light { light_idx, source: Box::new(e) })
+    })
 }
 
 /// The number of the group of each light of [`build_lights`], as [`group_layers`](crate::render::layers::group_layers) counts them.
@@ -80,15 +94,16 @@ impl At<'_> {
     }
 }
 
-fn light(at: At, light: &settings::Light, load: LoadPicture) -> Result<Light, RenderError> {
-    Ok(match light {
+/// A light that needs no picture; `None` for surroundings.
+fn lamp(at: At, light: &settings::Light) -> Result<Option<Light>, RenderError> {
+    Ok(Some(match light {
+        settings::Light::Environment(_) => return Ok(None),
         settings::Light::Sun(sun) => Light::Sun(Sun::new(
             at.direction(&sun.direction)?,
             at.vector(&sun.irradiance),
             sun.angular_diameter_deg,
             sun.visible,
         )),
-        settings::Light::Environment(e) => Light::Environment(environment(at, e, load)?),
         settings::Light::Rectangle(r) => {
             let (center, half_u, half_v) = (at.point(&r.center), at.vector(&r.half_u), at.vector(&r.half_v));
             let panel = Panel::try_new(Outline::Rectangle, center, half_u, half_v, at.vector(&r.radiance));
@@ -119,7 +134,7 @@ fn light(at: At, light: &settings::Light, load: LoadPicture) -> Result<Light, Re
         settings::Light::Point(p) => {
             Light::Point { position: at.point(&p.position), intensity: at.vector(&p.intensity) }
         }
-    })
+    }))
 }
 
 fn environment(at: At, e: &settings::Environment, load: LoadPicture) -> Result<Environment, RenderError> {

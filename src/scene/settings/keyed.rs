@@ -84,7 +84,7 @@ impl<T> Keyed<T> {
             Self::Constant(value) => (Some((0.0, value)), [].as_slice()),
             Self::Keys(map) => (None, map.keys.as_slice()),
         };
-        one.into_iter().chain(many.iter().map(move |(frame, value)| (frames.time_of(*frame), value)))
+        one.into_iter().chain(many.iter().map(move |(frame, value)| (frames.time(*frame), value)))
     }
 
     /// How it gets from key to key.
