@@ -165,8 +165,32 @@ impl ExactSquares {
         self.carry();
     }
 
-    /// `count` Σx² − (Σx)² for the numbers of `sum`, of which there are `count`: exact until it is rounded once.
+    /// `count` Σx² − (Σx)² for the numbers of `sum`, of which there are `count`: to nine digits, and exactly 0 where all are
+    /// equal.
     pub fn spread(&self, sum: &ExactSum, count: u32) -> f64 {
+        let (squares, sum_f64) = (self.to_f64() * f64::from(count), sum.to_f64());
+        let spread = squares - sum_f64 * sum_f64;
+        // Where few digits are left, they are counted exactly.
+        const LEFT: f64 = 1.0 / (1 << 20) as f64;
+        if spread > LEFT * squares { spread } else { self.exact_spread(sum, count) }
+    }
+
+    /// The sum in double precision, rounded the same way however it came about.
+    fn to_f64(self) -> f64 {
+        let mut sum = self;
+        sum.carry();
+        let places = sum.0.iter().enumerate().rev();
+        let value = |(place, &digit): (usize, &u128)| {
+            // A digit but the top one has 64 bits.
+            let value = if place < REACHED { digit as u64 as f64 } else { digit as f64 };
+            value * power_of_two(64 * place as i32 + 2 * LEAST)
+        };
+        places.map(value).fold(0.0, |above, digit| above + digit)
+    }
+
+    /// As [`ExactSquares::spread`], exact until it is rounded once.
+    #[cold]
+    fn exact_spread(&self, sum: &ExactSum, count: u32) -> f64 {
         // Places of 32 bits from 2⁻²⁹⁸ on; sums of products are wider than their place.
         let mut places = [0i128; 2 * REACHED + 6];
         let mut squares = *self;

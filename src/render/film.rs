@@ -160,14 +160,39 @@ pub struct Moments {
     count: u32,
     sums: [ExactSum; 3],
     squares: [ExactSquares; 3],
+    /// Paths that are yet to be added to the sums, of which there are `waiting`: several at once cost less.
+    pending: [Rgb; PENDING],
+    waiting: usize,
+    /// What the first path brought, and whether another one may have brought something else.
+    first: Rgb,
+    varies: bool,
 }
+
+/// Most paths that wait to be added.
+const PENDING: usize = 16;
 
 impl Moments {
     #[inline]
     fn add(&mut self, radiance: Rgb) {
+        if self.count == 0 {
+            self.first = radiance;
+        }
+        self.varies |= radiance != self.first;
         self.count += 1;
-        let channels = self.squares.iter_mut().zip(&mut self.sums).zip(radiance.to_array());
-        channels.for_each(|((squares, sum), x)| squares.add_both(sum, x));
+        self.pending[self.waiting] = radiance;
+        self.waiting += 1;
+        if self.waiting == PENDING {
+            self.settle();
+        }
+    }
+
+    /// Adds what is waiting.
+    #[inline(never)]
+    fn settle(&mut self) {
+        for (channel, (squares, sum)) in self.squares.iter_mut().zip(&mut self.sums).enumerate() {
+            self.pending[..self.waiting].iter().for_each(|x| squares.add_both(sum, x[channel]));
+        }
+        self.waiting = 0;
     }
 
     /// Paths.
@@ -179,6 +204,7 @@ impl Moments {
     /// Mean radiance.
     #[inline]
     pub fn mean(&self) -> Rgb {
+        debug_assert_eq!(self.waiting, 0, "sums are read once all is added");
         let n = f64::from(self.count.max(1));
         Rgb::from_array(self.sums.map(|sum| (sum.to_f64() / n) as f32))
     }
@@ -188,6 +214,9 @@ impl Moments {
         let n = f64::from(self.count);
         if self.count < 2 {
             return Rgb::INFINITY;
+        }
+        if !self.varies {
+            return Rgb::ZERO;
         }
         let spread = |i: usize| self.squares[i].spread(&self.sums[i], self.count);
         Rgb::from_array([0, 1, 2].map(|i| (spread(i) / (n * n * (n - 1.0))) as f32))
@@ -238,8 +267,15 @@ impl PixelSum {
         }
     }
 
+    /// Makes ready for being read, after the last path.
+    #[inline]
+    pub fn settle(&mut self) {
+        self.moments.settle();
+    }
+
     #[cold]
     fn carry(&mut self) {
+        self.moments.settle();
         self.moments.squares.iter_mut().for_each(ExactSquares::carry);
         self.sums_mut().for_each(ExactSum::carry);
     }
@@ -259,6 +295,10 @@ impl PixelSum {
     /// When they have more than 2³² paths together.
     pub fn merge(&mut self, other: &Self) {
         let moments = &mut self.moments;
+        if moments.count == 0 {
+            moments.first = other.moments.first;
+        }
+        moments.varies |= other.moments.varies || (other.moments.count > 0 && other.moments.first != moments.first);
         moments.count = moments.count.checked_add(other.moments.count).expect("no picture has so many paths a pixel");
         moments.squares.iter_mut().zip(&other.moments.squares).for_each(|(sum, more)| sum.merge(more));
         self.covered = self.covered.saturating_add(other.covered);
@@ -271,6 +311,7 @@ impl PixelSum {
 
     /// Writes all of it at the end of `out`.
     pub fn encode(&self, out: &mut Vec<u8>) {
+        debug_assert_eq!(self.moments.waiting, 0, "sums are written once all is added");
         let coverage = self.coverage.counts();
         let numbers = [self.moments.count, self.covered, self.caught, coverage.len() as u32].into_iter();
         let numbers = numbers.chain(coverage.flat_map(|(shape_idx, count)| [shape_idx, count]));
@@ -288,6 +329,8 @@ impl PixelSum {
             Some(u32::from_le_bytes(*first))
         };
         let mut sum = Self::new(layers);
+        // What the first path brought is not written.
+        sum.moments.varies = true;
         (sum.moments.count, sum.covered, sum.caught) = (number(bytes)?, number(bytes)?, number(bytes)?);
         let names = layers
             .iter()
@@ -401,6 +444,7 @@ mod tests {
                 &Contribution { radiance: Vec3::splat(x), is_covered: x < 3.0, bounces: 3, ..Default::default() },
             );
         }
+        sum.settle();
         let pixel = sum.finish();
         let mut data = Vec::new();
         sum.finish_layers(&layers, None, &mut data);

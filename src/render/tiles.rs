@@ -373,6 +373,7 @@ impl<'a> PixelPainter<'a> {
             sum.add(&view.layers, contribution);
             self.unsaid += 1;
         }
+        sum.settle();
         Ok(())
     }
 }
