@@ -63,8 +63,8 @@ pub struct Splat {
     pub means: MeanGrid,
 }
 
-/// Splats particles onto the voxels whose low corner (0, 0, 0) is the world's origin. A particle is smeared evenly along
-/// position + velocity·t while the shutter is open, in pieces at most half a kernel radius apart; of its pieces those
+/// Splats particles onto the voxels whose low corner (0, 0, 0) is the world's origin. A particle is smeared evenly in time along
+/// its way while the shutter is open, straight or bent as its input says, in pieces at most half a kernel radius apart; of its pieces those
 /// count that can be seen from its position.
 ///
 /// # Errors

@@ -97,7 +97,7 @@ struct Soundings {
     pieces: Vec<f64>,
 }
 
-/// Stands for the distance of a piece behind a wall: the streak is straight and the particle's path went round.
+/// Stands for the distance of a piece behind a wall: the streak only nearly follows the particle's path, which went round.
 const BEHIND: f64 = -1.0;
 
 impl Soundings {
