@@ -47,7 +47,6 @@ fn pixel(stage: &Stage, medium: Option<&Medium>, count: u32, ray: Ray) -> Pixel 
     for i in 0..count {
         sum.add(&[], &integrator.trace(ray, &mut Sampler::new(Seed(7), 0, 0, i), &mut counts));
     }
-    sum.settle();
     sum.finish()
 }
 

@@ -1,6 +1,6 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
-use crate::math::exact_sum::{CARRY_AFTER, ExactSquares, ExactSum};
+use crate::math::exact_sum::ExactSums;
 use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::Coverage;
@@ -158,41 +158,16 @@ impl Contribution {
 #[derive(Debug, Clone, Default)]
 pub struct Moments {
     count: u32,
-    sums: [ExactSum; 3],
-    squares: [ExactSquares; 3],
-    /// Paths that are yet to be added to the sums, of which there are `waiting`: several at once cost less.
-    pending: [Rgb; PENDING],
-    waiting: usize,
-    /// What the first path brought, and whether another one may have brought something else.
-    first: Rgb,
-    varies: bool,
+    /// Of three channels, and then of their squares.
+    sums: ExactSums<6>,
 }
-
-/// Most paths that wait to be added.
-const PENDING: usize = 16;
 
 impl Moments {
     #[inline]
     fn add(&mut self, radiance: Rgb) {
-        if self.count == 0 {
-            self.first = radiance;
-        }
-        self.varies |= radiance != self.first;
         self.count += 1;
-        self.pending[self.waiting] = radiance;
-        self.waiting += 1;
-        if self.waiting == PENDING {
-            self.settle();
-        }
-    }
-
-    /// Adds what is waiting.
-    #[inline(never)]
-    fn settle(&mut self) {
-        for (channel, (squares, sum)) in self.squares.iter_mut().zip(&mut self.sums).enumerate() {
-            self.pending[..self.waiting].iter().for_each(|x| squares.add_both(sum, x[channel]));
-        }
-        self.waiting = 0;
+        let [x, y, z] = radiance.to_array().map(f64::from);
+        self.sums.add([x, y, z, x * x, y * y, z * z]);
     }
 
     /// Paths.
@@ -204,9 +179,9 @@ impl Moments {
     /// Mean radiance.
     #[inline]
     pub fn mean(&self) -> Rgb {
-        debug_assert_eq!(self.waiting, 0, "sums are read once all is added");
         let n = f64::from(self.count.max(1));
-        Rgb::from_array(self.sums.map(|sum| (sum.to_f64() / n) as f32))
+        let [x, y, z, ..] = self.sums.to_f64().map(|sum| (sum / n) as f32);
+        Rgb::new(x, y, z)
     }
 
     /// Estimated variance of the mean; with one path it is unknown and stands as infinite.
@@ -215,11 +190,8 @@ impl Moments {
         if self.count < 2 {
             return Rgb::INFINITY;
         }
-        if !self.varies {
-            return Rgb::ZERO;
-        }
-        let spread = |i: usize| self.squares[i].spread(&self.sums[i], self.count);
-        Rgb::from_array([0, 1, 2].map(|i| (spread(i) / (n * n * (n - 1.0))) as f32))
+        let variance = |i: usize| (self.sums.spread(i, 3 + i, self.count) / (n * n * (n - 1.0))) as f32;
+        Rgb::from_array([0, 1, 2].map(variance))
     }
 }
 
@@ -231,7 +203,7 @@ pub struct PixelSum {
     covered: u32,
     /// Paths that met shadow catchers, and the sums of what they brought.
     caught: u32,
-    shadow: [ExactSum; 2],
+    shadow: ExactSums<2>,
     coverage: Coverage,
     layers: LayerSums,
 }
@@ -243,7 +215,7 @@ impl PixelSum {
             moments: Moments::default(),
             covered: 0,
             caught: 0,
-            shadow: [ExactSum::default(); 2],
+            shadow: Default::default(),
             coverage: Coverage::default(),
             layers: LayerSums::new(layers),
         }
@@ -259,34 +231,9 @@ impl PixelSum {
         }
         if let Some(shadow) = path.shadow {
             self.caught += 1;
-            self.shadow.iter_mut().zip(shadow).for_each(|(sum, x)| sum.add(x));
+            self.shadow.add(shadow.map(f64::from));
         }
         self.layers.add(layers, path);
-        if self.moments.count.is_multiple_of(CARRY_AFTER) {
-            self.carry();
-        }
-    }
-
-    /// Makes ready for being read, after the last path.
-    #[inline]
-    pub fn settle(&mut self) {
-        self.moments.settle();
-    }
-
-    #[cold]
-    fn carry(&mut self) {
-        self.moments.settle();
-        self.moments.squares.iter_mut().for_each(ExactSquares::carry);
-        self.sums_mut().for_each(ExactSum::carry);
-    }
-
-    fn sums(&self) -> impl Iterator<Item = &ExactSum> {
-        self.moments.sums.iter().chain(&self.shadow).chain(self.layers.0.iter().flatten())
-    }
-
-    fn sums_mut(&mut self) -> impl Iterator<Item = &mut ExactSum> {
-        let layers = self.layers.0.iter_mut().flatten();
-        self.moments.sums.iter_mut().chain(&mut self.shadow).chain(layers)
     }
 
     /// Adds the paths of another part of the same pixel, with the same layers.
@@ -294,30 +241,27 @@ impl PixelSum {
     /// # Panics
     /// When they have more than 2³² paths together.
     pub fn merge(&mut self, other: &Self) {
-        let moments = &mut self.moments;
-        if moments.count == 0 {
-            moments.first = other.moments.first;
-        }
-        moments.varies |= other.moments.varies || (other.moments.count > 0 && other.moments.first != moments.first);
-        moments.count = moments.count.checked_add(other.moments.count).expect("no picture has so many paths a pixel");
-        moments.squares.iter_mut().zip(&other.moments.squares).for_each(|(sum, more)| sum.merge(more));
+        let (moments, more) = (&mut self.moments, &other.moments);
+        moments.count = moments.count.checked_add(more.count).expect("no picture has so many paths a pixel");
+        moments.sums.merge(&more.sums);
+        self.shadow.merge(&other.shadow);
         self.covered = self.covered.saturating_add(other.covered);
         self.caught = self.caught.saturating_add(other.caught);
         for (shape_idx, count) in other.coverage.counts() {
             self.coverage.add(shape_idx, count);
         }
-        self.sums_mut().zip(other.sums()).for_each(|(sum, more)| sum.merge(more));
+        self.layers.0.iter_mut().zip(&other.layers.0).for_each(|(sums, more)| sums.merge(more));
     }
 
     /// Writes all of it at the end of `out`.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        debug_assert_eq!(self.moments.waiting, 0, "sums are written once all is added");
         let coverage = self.coverage.counts();
         let numbers = [self.moments.count, self.covered, self.caught, coverage.len() as u32].into_iter();
         let numbers = numbers.chain(coverage.flat_map(|(shape_idx, count)| [shape_idx, count]));
         numbers.for_each(|n| out.extend(n.to_le_bytes()));
-        self.moments.squares.iter().for_each(|sum| sum.encode(out));
-        self.sums().for_each(|sum| sum.encode(out));
+        self.moments.sums.encode(out);
+        self.shadow.encode(out);
+        self.layers.0.iter().for_each(|sums| sums.encode(out));
     }
 
     /// Reads what [`encode`](Self::encode) has written, with the same layers, and leaves `bytes` after it; `None` where it is
@@ -329,8 +273,6 @@ impl PixelSum {
             Some(u32::from_le_bytes(*first))
         };
         let mut sum = Self::new(layers);
-        // What the first path brought is not written.
-        sum.moments.varies = true;
         (sum.moments.count, sum.covered, sum.caught) = (number(bytes)?, number(bytes)?, number(bytes)?);
         let names = layers
             .iter()
@@ -342,11 +284,10 @@ impl PixelSum {
             }
             sum.coverage.add(shape_idx, count);
         }
-        for squares in &mut sum.moments.squares {
-            *squares = ExactSquares::decode(bytes)?;
-        }
-        for digits in sum.sums_mut() {
-            *digits = ExactSum::decode(bytes)?;
+        sum.moments.sums = ExactSums::decode(bytes)?;
+        sum.shadow = ExactSums::decode(bytes)?;
+        for sums in &mut sum.layers.0 {
+            *sums = ExactSums::decode(bytes)?;
         }
         Some(sum)
     }
@@ -374,7 +315,7 @@ impl PixelSum {
     /// Share of light that shadows take from catchers, from the means of all paths that met one: the mean of ratios would
     /// be another number. Places without any light have no shadow.
     fn shadow(&self) -> f64 {
-        let [lit, unshadowed] = self.shadow.map(|sum| sum.to_f64());
+        let [lit, unshadowed] = self.shadow.to_f64();
         if unshadowed > 0.0 { (1.0 - lit / unshadowed).clamp(0.0, 1.0) } else { 0.0 }
     }
 
@@ -444,7 +385,6 @@ mod tests {
                 &Contribution { radiance: Vec3::splat(x), is_covered: x < 3.0, bounces: 3, ..Default::default() },
             );
         }
-        sum.settle();
         let pixel = sum.finish();
         let mut data = Vec::new();
         sum.finish_layers(&layers, None, &mut data);

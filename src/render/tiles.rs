@@ -373,7 +373,6 @@ impl<'a> PixelPainter<'a> {
             sum.add(&view.layers, contribution);
             self.unsaid += 1;
         }
-        sum.settle();
         Ok(())
     }
 }
