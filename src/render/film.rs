@@ -166,7 +166,7 @@ impl Moments {
     #[inline]
     fn add(&mut self, radiance: Rgb) {
         self.count += 1;
-        let [x, y, z] = radiance.to_array().map(f64::from);
+        let [x, y, z] = [f64::from(radiance.x), f64::from(radiance.y), f64::from(radiance.z)];
         self.sums.add([x, y, z, x * x, y * y, z * z]);
     }
 

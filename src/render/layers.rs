@@ -224,11 +224,11 @@ impl LayerSums {
     /// Adds one path.
     #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
-        for (sums, layer) in self.0.iter_mut().zip(layers) {
+        for (i, layer) in layers.iter().enumerate() {
             let value = layer.of_path(path);
             // Layers that are no means have none, and of ways of light a path goes few.
             if value != Vec3::ZERO {
-                sums.add(value.to_array().map(f64::from));
+                self.0[i].add(value.to_array().map(f64::from));
             }
         }
     }

@@ -395,19 +395,16 @@ impl TraceScene {
     /// As [`TraceScene::intersect`], of shapes where they are at a moment.
     #[inline]
     pub fn intersect_at(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> Option<Hit> {
-        let nearest = self.intersect(ray, t_min, t_max);
-        if self.moving.is_empty() { nearest } else { self.intersect_moving(ray, t_min, t_max, moment, nearest) }
+        // Not one after the other: hits are large, and most scenes have nothing that moves.
+        if self.moving.is_empty() {
+            return self.intersect(ray, t_min, t_max);
+        }
+        self.intersect_with_moving(ray, t_min, t_max, moment)
     }
 
     #[inline(never)]
-    fn intersect_moving(
-        &self,
-        ray: &Ray,
-        t_min: f32,
-        t_max: f32,
-        moment: Moment,
-        mut nearest: Option<Hit>,
-    ) -> Option<Hit> {
+    fn intersect_with_moving(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> Option<Hit> {
+        let mut nearest = self.intersect(ray, t_min, t_max);
         for moving in &self.moving {
             let t_max = nearest.as_ref().map_or(t_max, |hit| hit.t);
             if !moving.is_near(ray, t_min, t_max) {
