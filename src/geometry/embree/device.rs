@@ -1,6 +1,7 @@
 //! The library made ready, and what can be wrong with it.
 
-use crate::geometry::embree::sys::{self, Functions, Handle, LoadError};
+use crate::foreign::LoadError;
+use crate::geometry::embree::sys::{self, Functions, Handle};
 
 /// Why no scene could be made.
 #[derive(Debug, Clone, thiserror::Error)]

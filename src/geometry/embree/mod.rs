@@ -10,9 +10,9 @@ mod hit;
 #[allow(missing_docs)]
 mod sys;
 
+pub use crate::foreign::LoadError;
 pub use device::{EmbreeError, version};
 pub use hit::{Hit, Ray};
-pub use sys::LoadError;
 
 use crate::geometry::closed::Closed;
 use crate::geometry::mesh::Mesh;
