@@ -276,7 +276,7 @@ fn skies(rest: bool) -> Vec<Light> {
 fn all_pixels_of_a_furnace_of_sampled_sky_are_white() {
     let Stage { scene, world } = stage(&format!("{FURNACE}\nlights: [{{environment: {{radiance: [1, 1, 1]}}}}]"));
     // Two pictures that add up to 1 everywhere, also between their pixels.
-    let world = World::new(world.surfaces, world.materials, skies(true), WorldPoint::default());
+    let world = World::new(world.surfaces, world.materials, skies(true));
     let stage = Stage { scene, world };
     let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
     check_pixels("furnace of sampled sky", &picture_of(&stage, &stage.world, Some(&medium)), |_| 1.0);
@@ -294,7 +294,7 @@ shapes:
 lights: [{environment: {radiance: [1, 1, 1]}}]
 ",
     );
-    let world = World::new(world.surfaces, world.materials, skies(false), WorldPoint::default());
+    let world = World::new(world.surfaces, world.materials, skies(false));
     let stage = Stage { scene, world };
     let Light::Environment(sky) = &stage.world.lights[0] else { panic!("a sky") };
     // The midpoint rule over cosine and longitude, fine enough for the tent of the bright pixel.

@@ -140,7 +140,7 @@ fn world() -> World {
         Light::Environment(Environment::constant(Vec3::splat(0.5), true)),
     ];
     let surfaces = SceneBuilder::new().commit().expect("Embree; run ./bootstrap.sh");
-    World::new(surfaces, Vec::new(), lights, WorldPoint::default())
+    World::new(surfaces, Vec::new(), lights)
 }
 
 fn trace(world: &World, medium: &Medium, sun_shadows: &SunShadows, rays: &[Ray], max_bounces: u32) -> PathCounts {

@@ -1,7 +1,7 @@
 //! The command line: one file for each verb, and what they share. Standard output is for results, standard error for
 //! everything else.
 
-pub mod args;
+mod args;
 mod bake;
 mod check;
 mod compare;

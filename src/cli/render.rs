@@ -1,10 +1,11 @@
 //! `curlsmoke render`.
 
-use crate::cli::args::{RenderArguments, WatchArguments};
+use crate::cli::args::FrameArguments;
 use crate::cli::frames::{flags, frames, listed, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
-use crate::cli::values::Samples;
+use crate::cli::values::{self, Crop, PixelPlace, Resolution, Samples};
+use crate::cli::watch::WatchArguments;
 use crate::cli::{STOPPED, command_line, log, pixel, print_result, report};
 use crate::error::Error;
 use crate::output::file::check_writable;
@@ -14,8 +15,63 @@ use crate::pipeline::{self, FrameOutcome, RenderJob};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::scene::pattern::{Pattern, spell};
+use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// Flags of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArguments {
+    /// Flags shared with `bake`.
+    #[command(flatten)]
+    pub common: FrameArguments,
+    /// Paths traced through each pixel, instead of film.spp
+    #[arg(long, value_name = "COUNT")]
+    pub spp: Option<u32>,
+
+    /// Trace through each pixel only until its noise is below this, instead of film.noise_target: 0.02 is clean, 0.1 grainy
+    #[arg(long, value_name = "SHARE")]
+    pub noise_target: Option<f64>,
+
+    /// Trace light no longer than this many seconds a frame, instead of film.time_limit
+    #[arg(long, value_name = "SECONDS", conflicts_with = "noise_target")]
+    pub time_limit: Option<f64>,
+    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// File names of the pictures (.exr), with #### for the frame, instead of
+    /// output.image; previews go beside them
+    #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
+    pub output: Option<String>,
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
+    #[arg(long, value_name = "EDGES")]
+    pub crop: Option<Crop>,
+    /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output", "samples", "missing", "movie"])]
+    pub pixel: Option<PixelPlace>,
+    /// Trace these paths of each pixel only, counted from 1, as in 1-64, to a .part file
+    /// beside the picture; `curlsmoke merge` joins such parts
+    #[arg(long, value_name = "FIRST-LAST", conflicts_with_all = ["noise_target", "time_limit", "movie"], verbatim_doc_comment)]
+    pub samples: Option<Samples>,
+    /// Leave frames alone that are finished and made from this very scene, and go on
+    /// from checkpoints
+    #[arg(long, verbatim_doc_comment)]
+    pub resume: bool,
+    /// How often to write a checkpoint of an unfinished frame beside the picture [s], for
+    /// --resume to go on from; a signal that ends the run writes one too. 0: never
+    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = values::seconds_or_none, verbatim_doc_comment)]
+    pub checkpoint_every: f64,
+    /// Print the frames that are not finished, or were made from another scene, as a list
+    /// for --frames, and make nothing
+    #[arg(long, conflicts_with_all = ["dry_run", "resume"], verbatim_doc_comment)]
+    pub missing: bool,
+    /// Print what would be made, files and all, and make nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Afterwards make a movie of all previews, with the system's ffmpeg: .mp4, .mov, .mkv or .webm
+    #[arg(long, value_name = "FILE")]
+    pub movie: Option<PathBuf>,
+}
 
 /// Renders; the exit code.
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {

@@ -2,8 +2,9 @@
 
 use crate::inspect::canvas::Canvas;
 use crate::inspect::glyphs::{ADVANCE, GLYPH_HEIGHT};
+use crate::output::View;
 use crate::output::image::Image;
-use crate::output::view::{View, linear_from_srgb};
+use crate::output::view::{linear_from_srgb, on_screen};
 use thiserror::Error;
 
 /// Most pixels of a sheet.
@@ -56,7 +57,7 @@ impl Cell {
     pub fn new(label: String, image: &Image, view: View, exposure_ev: f64) -> Result<Self, SheetError> {
         let gain = exposure_ev.exp2() as f32;
         let rgb = image.to_rgb("").ok_or(SheetError::NoColour)?;
-        let shown = |c: &[f32; 3]| view.apply(c.map(|x| x * gain)).map(linear_from_srgb);
+        let shown = |c: &[f32; 3]| on_screen(view, c.map(|x| x * gain)).map(linear_from_srgb);
         Ok(Self { label, size: image.data_size, pixels: rgb.iter().map(shown).collect() })
     }
 

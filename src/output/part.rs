@@ -5,10 +5,10 @@
 //! SHA-256 of everything before. Numbers are little-endian. A file is of use only whole, and to programs that make the very
 //! same picture: the fingerprint in the head, which holds the version, tells.
 
+use crate::output::View;
 use crate::output::file::write_atomic_with;
 use crate::output::image::Attribute;
 use crate::output::sidecar::Sidecar;
-use crate::output::view::View;
 use crate::output::{OutputError, check_memory, check_regular, exr};
 use crate::render::film::PixelBounds;
 use crate::render::layers::Layer;

@@ -143,7 +143,7 @@ pub(super) fn finish_of(scene: &Scene, view: &View, record: &Sidecar) -> Finish 
         attributes: attributes(record.spp, &view.layers, &origin),
         compression: output.compression.into(),
         layout: output.layout.into(),
-        preview: output.preview.as_ref().map(|_| (output.view.into(), output.exposure_ev)),
+        preview: output.preview.as_ref().map(|_| (output.view, output.exposure_ev)),
     }
 }
 

@@ -8,16 +8,15 @@ use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
 use crate::grid::means::MeanGrid;
 use crate::output::sidecar::Sidecar;
+use crate::pipeline::assemble::{
+    Exposure, build_geometry, build_medium, load_lights, load_textures, placed, smoke_heat, world_of,
+};
 use crate::pipeline::inputs::{Inputs, Part};
 use crate::pipeline::smoke::{FrameSmoke, SmokeSource};
 use crate::pipeline::volumes::VolumeSources;
-use crate::pipeline::{
-    build_geometry, build_medium, check_camera, frame_motion, in_render, load_picture, load_textures, memory_limit,
-    shutter_of, smoke_heat, time_of,
-};
+use crate::pipeline::{check_camera, time_of};
 use crate::progress::{Progress, Stage};
 use crate::render::film::{Film, PixelBounds};
-use crate::render::layers::Layer;
 use crate::render::light::Light;
 use crate::render::media::{Media, Volume};
 use crate::render::medium::Medium;
@@ -123,8 +122,7 @@ impl LiveStudio {
             self.camera_warning = warning;
         }
         let place = || {
-            let shutter = shutter_of(scene, geometry, time);
-            let geometry = if geometry.moves() { geometry.at_shutter(&shutter) } else { geometry.clone() };
+            let geometry = placed(scene, geometry, time);
             let surfaces = Some(geometry.trace_scene()?);
             Ok(Placed { geometry, surfaces })
         };
@@ -186,12 +184,10 @@ impl LiveStudio {
         show: &mut dyn FnMut(Film, u32),
     ) -> Result<(), Error> {
         let world = self.world.as_ref().ok_or_else(not_ready)?;
-        let mut view = View { adaptive: None, time_limit: None, ..render::build_view(scene, frame, crop) };
-        let media = Media::new(self.medium.get()?.as_ref(), self.volumes.get()?);
-        let time = time_of(scene, frame);
+        let view = View { adaptive: None, time_limit: None, ..render::build_view(scene, frame, crop) };
         let (geometry, source) = (self.shapes.get()?, self.particles.get()?);
-        render::take_time(&mut view, scene, shutter_of(scene, geometry, time));
-        let motion = view.layers.contains(&Layer::Motion).then(|| frame_motion(scene, geometry, source, time));
+        let Exposure { view, media, motion } =
+            Exposure::new(scene, frame, view, geometry, source, self.medium.get()?.as_ref(), self.volumes.get()?);
         let mut passes = Passes::new(&view, world, media, self.shadows.get()?, motion.as_ref());
         progress.begin(Stage::Render, view.bounds.area() as u64 * u64::from(view.spp));
         if view.bounds.area() > GLANCED_PIXELS {
@@ -222,11 +218,10 @@ impl LiveStudio {
     /// Puts surfaces, materials and lights together, and works out how much of each sun reaches where.
     fn assemble(&mut self, scene: &Scene, time: f64) -> Result<(), Error> {
         let Placed { geometry, surfaces } = self.placed.get_mut()?;
-        let materials = render::build_materials(scene, geometry, self.textures.get_mut()?, time);
         let lights = self.lights.get_mut()?.take().ok_or_else(not_ready)?;
         let surfaces = surfaces.take().ok_or_else(not_ready)?;
         self.own_lights = lights.len();
-        let world = render::assemble_world(scene, geometry, surfaces, lights, materials, time);
+        let world = world_of(scene, geometry, surfaces, lights, self.textures.get_mut()?, time);
         let media = Media::new(self.medium.get()?.as_ref(), self.volumes.get()?);
         let parts =
             [self.medium.generation, self.volumes.generation, self.lights.generation, world.lights.len() as u64];
@@ -234,9 +229,4 @@ impl LiveStudio {
         self.world = Some(world);
         Ok(())
     }
-}
-
-fn load_lights(scene: &Scene, time: f64) -> Result<Vec<Light>, Error> {
-    render::build_lights(scene, time, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_render(scene, e))
 }

@@ -1,7 +1,7 @@
 //! What is to be seen: the picture as far as it is, how far that is, and what is wrong; and what people wish for.
 
 use crate::error::Error;
-use crate::output::view::View;
+use crate::output::View;
 use crate::pipeline::inputs::Part;
 use crate::progress::Stage;
 use crate::render::film::{Film, PixelBounds};
@@ -294,7 +294,7 @@ impl Board {
             status.spp = settings.film.spp;
             status.crop = crop.map(|b| [b.x0, b.y0, b.x1, b.y1]);
             status.problems = problems;
-            let view = View::from(settings.output.view);
+            let view = settings.output.view;
             status.view = view_table::on_page().find(|known| *known == view).unwrap_or(View::Standard).name();
             status.exposure_ev = settings.output.exposure_ev;
             (status.activity, status.fraction) = ("reading", 0.0);
