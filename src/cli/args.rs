@@ -147,8 +147,9 @@ pub struct RenderArguments {
     /// output.image; previews go beside them
     #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
     pub output: Option<String>,
-    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
-    #[arg(long, value_name = "EDGES")]
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left of the frame, negative in
+    /// overscan, or in percent of the frame
+    #[arg(long, value_name = "EDGES", allow_hyphen_values = true, verbatim_doc_comment)]
     pub crop: Option<Crop>,
     /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output", "samples", "missing", "movie"])]
