@@ -23,7 +23,7 @@ use crate::inspect::Inspection;
 use crate::output::frames::check_distinct;
 use crate::output::sidecar::Sidecar;
 use crate::output::{self, OutputError};
-use crate::particles::ParticleSystem;
+use crate::particles::{self, ParticleSystem};
 use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write_part, write_picture};
 use crate::pipeline::heat::Heat;
@@ -245,6 +245,7 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let geometry = Geometry::build_without_distances(scene)?;
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
+    warnings.extend(particles::wall_warnings(scene, &geometry));
     let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
     let frames: Vec<i32> = (first..=last).collect();
     check_camera(scene, &frames)?;
@@ -302,6 +303,7 @@ impl Studio {
             let materials = render::build_materials(scene, &geometry, &mut textures, 0.0);
             Some(build_world(scene, &geometry, materials, 0.0)?)
         };
+        particles::wall_warnings(scene, &geometry).iter().for_each(|warning| progress.note(warning));
         let smoke = SmokeSource::build(scene, &geometry)?;
         let volumes = VolumeSources::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());
