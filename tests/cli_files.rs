@@ -432,9 +432,11 @@ fn walls_that_turn_too_far_in_a_step_are_told_of() {
     assert!(!err.contains("turns"), "{err}");
     let [_, err] = folder.expect(0, &["check", "smoke.yaml", "--set", "smoke.advect.substeps=2"]);
     contains(&err, &["`left` turns by 250°"]);
-    folder.write("smoke.yaml", &turning(360));
-    let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);
-    assert!(!err.contains("turns"), "half a turn is known by its ends: {err}");
+    for (degrees, is_told) in [(350, false), (360, true)] {
+        folder.write("smoke.yaml", &turning(degrees));
+        let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);
+        assert_eq!(err.contains("turns"), is_told, "{degrees}: {err}");
+    }
     // What is no wall drags nothing.
     folder.write("smoke.yaml", &turning(1000).replace("[left, right]", "[right]"));
     let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);

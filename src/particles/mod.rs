@@ -26,8 +26,8 @@ pub use crate::particles::system::ParticleSystem;
 
 /// Particles start with this word in the derivation of their keys.
 const PARTICLE_KEYS: u64 = 0x7061_7274;
-/// Largest turn of a wall in a step that is known by its ends [rad]; the rest is rounding.
-const HALF_TURN: f64 = PI * (1.0 + 1e-9);
+/// Turn of a wall in a step from which on its ends do not tell which way round it went [rad], but for rounding.
+const HALF_TURN: f64 = PI * (1.0 - 1e-9);
 /// Pieces of a step in which its largest angular velocity is looked for.
 const PIECES: u32 = 16;
 /// Most steps of a frame that a scene may ask for.
@@ -157,7 +157,7 @@ pub fn wall_warnings(scene: &Scene, geometry: &Geometry) -> Vec<String> {
     let warning = |(shape, motion): (&Shape, &Arc<Motion>)| {
         let turning = |n: i64| motion.turning(grid.time(n), grid.time(n + 1));
         let (step, turn) = steps.clone().rev().map(|n| (n, turning(n))).max_by(|a, b| a.1.total_cmp(&b.1))?;
-        if turn <= HALF_TURN {
+        if turn < HALF_TURN {
             return None;
         }
         // The frame that it leads to.
@@ -166,14 +166,14 @@ pub fn wall_warnings(scene: &Scene, geometry: &Geometry) -> Vec<String> {
         // Within a step it may be faster than on average.
         let pieces = (0..PIECES).map(|i| grid.time(step) + grid.step() * f64::from(i) / f64::from(PIECES));
         let piece = pieces.map(|time| motion.turning(time, time + grid.step() / f64::from(PIECES))).fold(0.0, f64::max);
-        let needed = (piece * f64::from(PIECES) * f64::from(grid.substeps) / PI).floor() + 1.0;
+        let needed = (piece * f64::from(PIECES) * f64::from(grid.substeps) / HALF_TURN).floor() + 1.0;
         let advice = match needed <= f64::from(SUBSTEPS_MAX) {
             true => format!("set `smoke.advect.substeps` to {needed} or more, or let it turn more slowly"),
             false => "let it turn more slowly".into(),
         };
         let (name, degrees) = (&shape.name, turn.to_degrees());
         Some(format!(
-            "warning: {place}`{name}` turns by {degrees:.0}° in a step of the smoke at frame {frame}, and beyond half a turn \
+            "warning: {place}`{name}` turns by {degrees:.0}° in a step of the smoke at frame {frame}, and from half a turn on \
              it is lost which way round, so that its wall drags the smoke wrongly; {advice}",
             place = scene.place(&format!("shapes.{name}")),
         ))
