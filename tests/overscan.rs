@@ -57,16 +57,19 @@ fn the_frame_is_the_display_window_and_keeps_its_bits() {
     assert!(preview(&plain) == preview(&more), "previews show the frame");
 
     // One number is for all sides, and a setting from the command line is as one from the file.
-    plain.expect(0, &["render", "s.yaml", "--frames", "2", "--set", "film.overscan=4", "-o", "even.exr"]);
-    let even = read(&plain, "even.exr");
+    plain.expect(0, &["render", "s.yaml", "--frames", "2", "--set", "film.overscan=4", "-o", "even.####.exr"]);
+    let even = read(&plain, "even.0002.exr");
     assert_eq!((even.data_origin, even.data_size), ([-4, -4], [28, 24]));
     is_part_of(&frame, &even);
     let [out, _] = plain.expect(0, &["check", "s.yaml", "--set", "film.overscan=[1, 2, 3, 4]"]);
     contains(&out, &["20 × 16 pixels (23 × 23 with overscan)"]);
 
     // A share of the size is one of the overscan too.
-    more.expect(0, &["render", "s.yaml", "--frames", "2", "--resolution", "200%", "--spp", "1", "-o", "twice.exr"]);
-    let twice = read(&more, "twice.exr");
+    more.expect(
+        0,
+        &["render", "s.yaml", "--frames", "2", "--resolution", "200%", "--spp", "1", "-o", "twice.####.exr"],
+    );
+    let twice = read(&more, "twice.0002.exr");
     assert_eq!((twice.size, twice.data_origin, twice.data_size), ([40, 32], [-10, -4], [56, 116]));
 
     let [out, _] = more.expect(0, &["inspect", "out/0002.exr", "--pixel=-5,55"]);
@@ -88,22 +91,26 @@ fn crops_and_parts_reach_beside_the_frame() {
     let (whole, bytes) = (read(&folder, "out/0002.exr"), fs::read(folder.path("out/0002.exr")).unwrap());
     let render = |more: &[&str]| folder.expect(0, &[&["render", "s.yaml", "--frames", "2"], more].concat());
 
-    render(&["--crop", "-5,-1,7,30", "-o", "crop.exr"]);
-    let crop = read(&folder, "crop.exr");
+    render(&["--crop", "-5,-1,7,30", "-o", "crop.####.exr"]);
+    let crop = read(&folder, "crop.0002.exr");
     assert_eq!((crop.size, crop.data_origin, crop.data_size), ([20, 16], [-5, -1], [12, 31]));
     is_part_of(&crop, &whole);
-    assert_eq!(png::read(&folder.path("crop.png"), LIMIT).unwrap().size, [7, 16]);
-    render(&["--crop", "0,20,20,36", "-o", "strip.exr"]);
-    assert_eq!(png::read(&folder.path("strip.png"), LIMIT).unwrap().size, [20, 16], "there is nothing else to show");
-    render(&["--crop", "50%,0%,100%,100%", "-o", "half.exr"]);
-    assert_eq!(read(&folder, "half.exr").data_origin, [10, 0], "shares are those of the frame");
+    assert_eq!(png::read(&folder.path("crop.0002.png"), LIMIT).unwrap().size, [7, 16]);
+    render(&["--crop", "0,20,20,36", "-o", "strip.####.exr"]);
+    assert_eq!(
+        png::read(&folder.path("strip.0002.png"), LIMIT).unwrap().size,
+        [20, 16],
+        "there is nothing else to show"
+    );
+    render(&["--crop", "50%,0%,100%,100%", "-o", "half.####.exr"]);
+    assert_eq!(read(&folder, "half.0002.exr").data_origin, [10, 0], "shares are those of the frame");
     let [_, err] = folder.expect(2, &["render", "s.yaml", "--crop", "-6,0,7,9"]);
     contains(&err, &["-6,0,7,9", "20 × 16 with its overscan", "-5 ≤ x0 < x1 ≤ 23 and -2 ≤ y0 < y1 ≤ 36"]);
 
     for samples in ["1-2", "3-6"] {
-        render(&["--samples", samples, "-o", "joined.exr"]);
+        render(&["--samples", samples, "-o", "joined.####.exr"]);
     }
-    let parts = ["joined.samples-3-6.part", "joined.samples-1-2.part"];
+    let parts = ["joined.0002.samples-3-6.part", "joined.0002.samples-1-2.part"];
     folder.expect(0, &[&["merge", "-o", "joined.exr"], &parts[..]].concat());
     assert!(fs::read(folder.path("joined.exr")).unwrap() == bytes, "parts make another picture");
 

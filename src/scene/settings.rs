@@ -221,7 +221,7 @@ pub struct Film {
     #[schemars(inner(range(min = 1, max = 32768)))]
     pub resolution: [u32; 2],
     /// Pixels beside the frame that are rendered too, for blurs, lens distortion and shakes in compositing: as many on every side, or
-    /// [left, right, top, bottom]. The same projection goes on there, the frame keeps its every bit, and a `lat_long` camera goes
+    /// as many at the left, right, top and bottom. The same projection goes on there, the frame keeps its every bit, and a `lat_long` camera goes
     /// on round. In the `.exr` the display window is the frame and the data window has all pixels; previews show the frame.
     /// Default 0.
     #[serde(skip_serializing_if = "Overscan::is_none")]
