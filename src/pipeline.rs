@@ -24,7 +24,7 @@ use crate::inspect::Inspection;
 use crate::output::frames::check_distinct;
 use crate::output::sidecar::Sidecar;
 use crate::output::{self, OutputError};
-use crate::particles::ParticleSystem;
+use crate::particles::{self, ParticleSystem};
 use crate::pipeline::assemble::{in_render, load_lights, load_textures, smoke_heat};
 use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write_part, write_picture};
@@ -235,6 +235,7 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let geometry = Geometry::build_without_distances(scene)?;
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
+    warnings.extend(particles::wall_warnings(scene, &geometry));
     let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
     let frames: Vec<i32> = (first..=last).collect();
     check_camera(scene, &frames)?;

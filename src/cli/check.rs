@@ -1,5 +1,6 @@
 //! `curlsmoke check` and `curlsmoke schema`.
 
+use crate::cli::render::size_text;
 use crate::cli::values::Override;
 use crate::cli::{log, print_result};
 use crate::error::Error;
@@ -75,12 +76,12 @@ fn print_text(path: &Path, scene: &Result<Scene, SceneError>, inputs: &Inputs) -
             scene.warnings.iter().for_each(|warning| log(&format!("{warning}\n")));
             warnings.iter().for_each(|warning| log(warning));
             let (frames, film) = (&scene.settings.frames, &scene.settings.film);
-            let [width, height] = film.resolution;
             print_result(&format!(
-                "{}: ok, frames {} to {}, {width} × {height} pixels, {} samples per pixel",
+                "{}: ok, frames {} to {}, {}, {} samples per pixel",
                 path.display(),
                 frames.first,
                 frames.last,
+                size_text(film),
                 film.spp
             ))?;
         }

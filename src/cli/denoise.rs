@@ -62,7 +62,8 @@ pub(super) fn run(arguments: &DenoiseArguments) -> Result<u8, Error> {
     if let Some(preview) = &arguments.preview {
         let layer = if arguments.replace { "" } else { denoise::DENOISED };
         let rgb = out.to_rgb(layer).ok_or_else(|| Error::Internal("the denoised layer is missing".into()))?;
-        write_atomic(preview, &png::encode(&rgb, out.data_size, View::Standard, 0.0)?)?;
+        let (size, rgb) = out.shown(&rgb);
+        write_atomic(preview, &png::encode(&rgb, size, View::Standard, 0.0)?)?;
     }
     if !guides.albedo || !guides.normal {
         log("warning: edges are kept best with layers of albedo and normal: `output: {aovs: [albedo, normal]}`");

@@ -13,8 +13,11 @@ use crate::output::frames::check_distinct;
 use crate::output::movie;
 use crate::pipeline::{self, FrameOutcome, RenderJob};
 use crate::progress::Progress;
+use crate::render;
+use crate::render::film::PixelBounds;
 use crate::scene::Scene;
 use crate::scene::pattern::{Pattern, spell};
+use crate::scene::settings::Film;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -43,8 +46,9 @@ pub struct RenderArguments {
     /// output.image; previews go beside them
     #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
     pub output: Option<String>,
-    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
-    #[arg(long, value_name = "EDGES")]
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left of the frame, negative in
+    /// overscan, or in percent of the frame
+    #[arg(long, value_name = "EDGES", allow_hyphen_values = true, verbatim_doc_comment)]
     pub crop: Option<Crop>,
     /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output", "samples", "missing", "movie"])]
@@ -77,8 +81,7 @@ pub struct RenderArguments {
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     let scene = scene_of(arguments, listed(arguments.common.frames.as_deref())?.as_deref())?;
     let frames = frames(&arguments.common, &scene)?;
-    let resolution = scene.settings.film.resolution;
-    let crop = arguments.crop.map(|crop| crop.bounds(resolution)).transpose().map_err(Error::Usage)?;
+    let crop = arguments.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
     let names = Names::of(&scene)?;
     let samples = arguments.samples.map(|samples| samples_of(samples, &scene)).transpose()?;
     let movie = arguments.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &frames)).transpose()?;
@@ -207,9 +210,7 @@ pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> R
     }
     if let Some(resolution) = arguments.resolution {
         // A share needs to know of what. Errors of the scene come out here as well as below.
-        let own = Scene::load_for(&arguments.common.scene, &[], frames)?.settings.film.resolution;
-        let [width, height] = resolution.pixels(own);
-        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+        overrides.extend(resized(&Scene::load_for(&arguments.common.scene, &[], frames)?, resolution));
     }
     if arguments.pixel.is_some() {
         overrides.push(("output.aovs".to_string(), pixel::LAYERS.into()));
@@ -236,12 +237,27 @@ pub(super) fn scene_of_watch(arguments: &WatchArguments) -> Result<Scene, Error>
         overrides.push(("film.spp".to_string(), spp.to_string()));
     }
     if let Some(resolution) = arguments.resolution {
-        let own = Scene::load(&common.scene)?.settings.film.resolution;
-        let [width, height] = resolution.pixels(own);
-        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+        overrides.extend(resized(&Scene::load(&common.scene)?, resolution));
     }
     overrides.extend(set_by_hand(&common));
     Ok(Scene::load_with(&common.scene, &overrides)?)
+}
+
+/// What to set for pictures of another size. A share is one of the overscan too: the picture shows the same.
+fn resized(scene: &Scene, resolution: Resolution) -> Vec<(String, String)> {
+    let film = &scene.settings.film;
+    let mut settings = vec![("film.resolution".to_string(), format!("{:?}", resolution.pixels(film.resolution)))];
+    if let (Resolution::Share(share), false) = (resolution, film.overscan.is_none()) {
+        let sides = film.overscan.sides().map(|pixels| (f64::from(pixels) * share).round() as u32);
+        settings.push(("film.overscan".to_string(), format!("{sides:?}")));
+    }
+    settings
+}
+
+/// The pixels of a crop in the pictures of a scene.
+pub(super) fn crop_of(crop: Crop, scene: &Scene) -> Result<PixelBounds, Error> {
+    let film = &scene.settings.film;
+    crop.bounds(film.resolution, render::canvas(film)).map_err(Error::Usage)
 }
 
 /// Names of the pictures of a scene.
@@ -277,17 +293,30 @@ impl Names {
     }
 }
 
+/// The size of pictures, with their overscan.
+pub(super) fn size_text(film: &Film) -> String {
+    let [width, height] = film.resolution;
+    match film.overscan.is_none() {
+        true => format!("{width} × {height} pixels"),
+        false => {
+            let [all_wide, all_high] = film.size();
+            format!("{width} × {height} pixels ({all_wide} × {all_high} with overscan)")
+        }
+    }
+}
+
 /// Prints what would be made.
 pub(super) fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
     check_distinct(frames, |frame| names.image(frame))?;
     let film = &scene.settings.film;
-    let [width, height] = film.resolution;
+    let [width, height] = film.size();
     let samples = f64::from(width) * f64::from(height) * f64::from(film.spp) * frames.len() as f64;
     print_result(&format!(
-        "{} frame{}: {}\n{width} × {height} pixels, {} samples per pixel, {} camera samples in all\nseed {}",
+        "{} frame{}: {}\n{}, {} samples per pixel, {} camera samples in all\nseed {}",
         frames.len(),
         if frames.len() == 1 { "" } else { "s" },
         spell(frames),
+        size_text(film),
         film.spp,
         count(samples),
         scene.settings.render.seed

@@ -7,6 +7,7 @@ use crate::cli::signals::Signals;
 use crate::cli::values::{Crop, Display, Resolution};
 use crate::cli::{log, print_result};
 use crate::error::Error;
+use crate::render::film::PixelBounds;
 use crate::watch::board::Board;
 use crate::watch::tev::Tev;
 use crate::watch::{Event, Watch, server};
@@ -55,7 +56,10 @@ pub(super) fn run(arguments: &WatchArguments) -> Result<u8, Error> {
     let watch = Watch {
         path,
         load: &|| scene_of_watch(arguments),
-        crop: &|size| arguments.crop.map(|crop| crop.bounds(size)).transpose().map_err(Error::Usage),
+        crop: &|size| {
+            let crop = arguments.crop.map(|crop| crop.bounds(size, PixelBounds::whole(size)));
+            crop.transpose().map_err(Error::Usage)
+        },
         board: &board,
         show: &|picture| {
             if let Some(viewer) = &viewer {

@@ -58,7 +58,8 @@ impl Cell {
         let gain = exposure_ev.exp2() as f32;
         let rgb = image.to_rgb("").ok_or(SheetError::NoColour)?;
         let shown = |c: &[f32; 3]| on_screen(view, c.map(|x| x * gain)).map(linear_from_srgb);
-        Ok(Self { label, size: image.data_size, pixels: rgb.iter().map(shown).collect() })
+        let (size, rgb) = image.shown(&rgb);
+        Ok(Self { label, size, pixels: rgb.iter().map(shown).collect() })
     }
 
     /// Scaled down to `width` if it is wider: each pixel is the mean of the light on its area.

@@ -8,6 +8,7 @@ use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
 use crate::grid::means::MeanGrid;
 use crate::output::sidecar::Sidecar;
+use crate::particles;
 use crate::pipeline::assemble::{
     Exposure, build_geometry, build_medium, load_lights, load_textures, placed, smoke_heat, world_of,
 };
@@ -135,6 +136,9 @@ impl LiveStudio {
         let build = || SmokeSource::build(scene, geometry);
         let is_new = self.particles.renew(inputs(Part::Particles)?, build)?;
         note(Part::Particles, is_new && has_smoke);
+        if is_new {
+            particles::wall_warnings(scene, geometry).iter().for_each(|warning| progress.note(warning));
+        }
         let particles = self.particles.generation;
         let source = self.particles.get_mut()?;
         let splat = || source.grid(scene, frame, smoke_heat(scene), progress, record);

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::output::sidecar::Sidecar;
+use crate::particles;
 use crate::pipeline::assemble::{
     Exposure, build_geometry, build_medium, load_lights, load_textures, placed, smoke_heat, world_of,
 };
@@ -43,6 +44,7 @@ impl Studio {
             // Whether a shape shines the same everywhere, and so is a light, does not change with time.
             Some(build_world(scene, &geometry, &mut textures, 0.0)?)
         };
+        particles::wall_warnings(scene, &geometry).iter().for_each(|warning| progress.note(warning));
         let smoke = SmokeSource::build(scene, &geometry)?;
         let volumes = VolumeSources::build(scene, &geometry)?;
         record.add_time(Stage::Geometry, start.elapsed());

@@ -8,38 +8,69 @@ use crate::render::layers::{Layer, LayerSums, Middle};
 use crate::render::light_path::{FirstEvent, GROUP_MAX, Passage};
 use glam::Vec3;
 
-/// A rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
+/// A rectangle of pixels: columns `x0..x1`, rows `y0..y1`, counted from the top left of the frame; those of overscan to the
+/// left of the frame and above it are negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelBounds {
     /// First column.
-    pub x0: u32,
+    pub x0: i32,
     /// First row.
-    pub y0: u32,
+    pub y0: i32,
     /// One past the last column.
-    pub x1: u32,
+    pub x1: i32,
     /// One past the last row.
-    pub y1: u32,
+    pub y1: i32,
 }
 
 impl PixelBounds {
-    /// All pixels of a picture.
+    /// All pixels of a frame.
+    ///
+    /// # Panics
+    /// Where it is wider or higher than numbers of pixels go, 2³¹.
     pub fn whole(resolution: [u32; 2]) -> Self {
-        Self { x0: 0, y0: 0, x1: resolution[0], y1: resolution[1] }
+        let [x1, y1] = resolution.map(|n| i32::try_from(n).expect("no frame is so large"));
+        Self { x0: 0, y0: 0, x1, y1 }
+    }
+
+    /// With so many pixels more at the left, right, top and bottom.
+    pub fn grown(&self, [left, right, top, bottom]: [u32; 4]) -> Self {
+        Self {
+            x0: self.x0.saturating_sub_unsigned(left),
+            y0: self.y0.saturating_sub_unsigned(top),
+            x1: self.x1.saturating_add_unsigned(right),
+            y1: self.y1.saturating_add_unsigned(bottom),
+        }
+    }
+
+    /// The pixels that are in both, if any are.
+    pub fn common(&self, other: &Self) -> Option<Self> {
+        let common = Self {
+            x0: self.x0.max(other.x0),
+            y0: self.y0.max(other.y0),
+            x1: self.x1.min(other.x1),
+            y1: self.y1.min(other.y1),
+        };
+        (common.x0 < common.x1 && common.y0 < common.y1).then_some(common)
     }
 
     /// Columns.
     pub fn width(&self) -> u32 {
-        self.x1 - self.x0
+        self.x1.abs_diff(self.x0)
     }
 
     /// Rows.
     pub fn height(&self) -> u32 {
-        self.y1 - self.y0
+        self.y1.abs_diff(self.y0)
     }
 
     /// Whether a pixel is one of them.
-    pub fn contains(&self, x: u32, y: u32) -> bool {
+    pub fn contains(&self, x: i32, y: i32) -> bool {
         (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
+    }
+
+    /// Number of a pixel among them, row after row.
+    pub fn index(&self, x: i32, y: i32) -> usize {
+        y.abs_diff(self.y0) as usize * self.width() as usize + x.abs_diff(self.x0) as usize
     }
 
     /// Pixels.
@@ -330,9 +361,9 @@ impl PixelSum {
 /// The finished picture.
 #[derive(Debug, Clone)]
 pub struct Film {
-    /// Size of the whole picture.
+    /// Size of the frame.
     pub resolution: [u32; 2],
-    /// Which part of it was rendered.
+    /// Which pixels were rendered.
     pub bounds: PixelBounds,
     /// The pixels of that part, top row first.
     pub pixels: Vec<Pixel>,

@@ -188,9 +188,9 @@ pub enum RenderError {
     )]
     NonFinite {
         /// Column.
-        x: u32,
+        x: i32,
         /// Row.
-        y: u32,
+        y: i32,
         /// Number of the path in its pixel.
         sample: u32,
         /// What it brought.
@@ -349,6 +349,11 @@ pub fn add_detail(medium: &mut Medium, settings: &settings::Detail, time: f64) -
     Ok(())
 }
 
+/// All pixels of a picture: those of the frame and of its overscan.
+pub fn canvas(film: &settings::Film) -> PixelBounds {
+    PixelBounds::whole(film.resolution).grown(film.overscan.sides())
+}
+
 /// How frame `frame` is taken; `crop` renders a part of it. Of what moves it shows one instant: see [`take_time`].
 ///
 /// # Panics
@@ -361,7 +366,8 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
         camera: CameraCourse::new(scene).at(settings.frames.time(f64::from(frame))).expect("was checked before"),
         shutter: None,
         resolution: film.resolution,
-        bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
+        canvas: canvas(film),
+        bounds: crop.unwrap_or(canvas(film)),
         spp: film.spp,
         adaptive: film.noise_target.map(|noise| Adaptive { noise: noise as f32, min_spp: film.min_spp.min(film.spp) }),
         time_limit: film.time_limit.map(Duration::from_secs_f64),

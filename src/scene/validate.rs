@@ -197,6 +197,13 @@ impl<'s> Check<'s, '_, '_> {
             let message = format!("the fewest paths, {}, are more than the most, `spp: {}`", film.min_spp, film.spp);
             self.error_help("film.min_spp", "film", message, "lower it, or raise `spp`");
         }
+        let ([width, height], [left, right, top, bottom]) = (film.resolution, film.overscan.sides());
+        let is_all_round = self.settings.camera.projection == CameraProjection::LatLong;
+        if is_all_round && (left.max(right) > width || top.max(bottom) > height) {
+            let message =
+                format!("a `lat_long` camera has seen everything twice {width} × {height} pixels beside the frame");
+            self.error_help("film.overscan", "film", message, "lower it; a few pixels are enough for filters");
+        }
     }
 
     /// Whether a name in the map `section` can be part of a key path; reported where not.
