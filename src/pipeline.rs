@@ -12,6 +12,7 @@ pub mod merge;
 mod smoke;
 pub mod turntable;
 mod volumes;
+pub mod wedge;
 
 pub use crate::pipeline::bake::{BakeJob, bake};
 
@@ -132,13 +133,26 @@ struct Shot<'a> {
     fingerprint: String,
 }
 
-/// Makes a picture and writes its files; the studio is built for the first that is made, so that a run with nothing to do ends at
-/// once.
+/// Whoever takes pictures, with all that is kept from one to the next.
+trait Photographer {
+    /// Fills the ledger; how many paths a pixel has at most.
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        frame: i32,
+        ledger: &Ledger,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<u32, Error>;
+}
+
+/// Makes a picture and writes its files.
 fn make(
     shot: &Shot,
     job: &RenderJob,
     files: &OutputFiles,
-    studio: &mut Option<Studio>,
+    photographer: &mut dyn Photographer,
     progress: &dyn Progress,
 ) -> Result<FrameOutcome, Error> {
     let scene = shot.scene;
@@ -156,10 +170,6 @@ fn make(
         spp: scene.settings.film.spp,
         ..Sidecar::default()
     };
-    let studio = match studio {
-        Some(studio) => studio,
-        none => none.insert(Studio::build(scene, progress, &mut record)?),
-    };
     check_camera(scene, &[shot.frame])?;
     let view = render::build_view(scene, shot.frame, job.crop);
     let keeper = Keeper::new(scene, &view, files, job, &record, progress);
@@ -168,7 +178,7 @@ fn make(
     let samples = job.samples.map(|[first, last]| first - 1..last);
     let watcher = |ledger: &Ledger| keeper.look(ledger);
     let ledger = Ledger::new(samples, done, Some(&watcher));
-    match studio.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
+    match photographer.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
         Ok(spp) => record.spp = spp,
         Err(error) => {
             if error.is_cancelled() {
@@ -217,8 +227,7 @@ pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn
     let mut record = Sidecar::default();
     let view = render::build_view(scene, frame, crop);
     let ledger = Ledger::new(None, Vec::new(), None);
-    let mut studio = Studio::build(scene, progress, &mut record)?;
-    let spp = studio.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
+    let spp = None::<Studio>.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
     Ok(tiles::canvas(&view).film(spp, &ledger.tiles()))
 }
 
@@ -342,31 +351,65 @@ impl Studio {
         };
         let mut view = view.clone();
         render::take_time(&mut view, scene, shutter);
-        let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
-        let most = view.bounds.area() as u64 * paths as u64;
         let motion =
             view.layers.contains(&Layer::Motion).then(|| frame_motion(scene, &self.geometry, &self.smoke, time));
-        let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
-        let spp = timed(progress, Stage::Render, record, most, || {
-            tiles::render_to(ledger, &view, world, media, motion.as_ref(), progress)
-        })?;
-        let mut paths = PathCounts::default();
-        ledger.tiles().iter().flatten().for_each(|tile| paths.add(&tile.counts));
-        let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
-        let traced = paths.traced.max(1) as f64;
-        record.samples_per_second = (paths.traced - resumed) as f64 / seconds.max(1e-9);
-        record.truncated_paths = paths.truncated as f64 / traced;
-        record.truncated_light = paths.truncated_throughput / traced;
-        if record.truncated_light > TRUNCATED_LIGHT_NOTED {
-            progress.note(&format!(
-                "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
-                 unbiased picture",
-                view.limits.max_bounces,
-                100.0 * record.truncated_light
-            ));
-        }
-        Ok(spp)
+        trace(&view, world, media, motion.as_ref(), frame, ledger, progress, record)
     }
+}
+
+/// Built for the first picture, so that a run with nothing to do ends at once.
+impl Photographer for Option<Studio> {
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        frame: i32,
+        ledger: &Ledger,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<u32, Error> {
+        let studio = match self {
+            Some(studio) => studio,
+            none => none.insert(Studio::build(scene, progress, record)?),
+        };
+        studio.take_picture(scene, view, frame, ledger, progress, record)
+    }
+}
+
+/// Traces the light of a frame into the ledger and notes how that went; how many paths a pixel has at most.
+#[allow(clippy::too_many_arguments)]
+fn trace(
+    view: &View,
+    world: &World,
+    media: Media,
+    motion: Option<&FrameMotion>,
+    frame: i32,
+    ledger: &Ledger,
+    progress: &dyn Progress,
+    record: &mut Sidecar,
+) -> Result<u32, Error> {
+    let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
+    let most = view.bounds.area() as u64 * paths as u64;
+    let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
+    let spp = timed(progress, Stage::Render, record, most, || {
+        tiles::render_to(ledger, view, world, media, motion, progress)
+    })?;
+    let mut paths = PathCounts::default();
+    ledger.tiles().iter().flatten().for_each(|tile| paths.add(&tile.counts));
+    let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
+    let traced = paths.traced.max(1) as f64;
+    record.samples_per_second = (paths.traced - resumed) as f64 / seconds.max(1e-9);
+    record.truncated_paths = paths.truncated as f64 / traced;
+    record.truncated_light = paths.truncated_throughput / traced;
+    if record.truncated_light > TRUNCATED_LIGHT_NOTED {
+        progress.note(&format!(
+            "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
+             unbiased picture",
+            view.limits.max_bounces,
+            100.0 * record.truncated_light
+        ));
+    }
+    Ok(spp)
 }
 
 /// How shapes move while the shutter of a frame is open.

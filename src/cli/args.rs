@@ -1,5 +1,8 @@
 //! What was typed. What it means is decided by each verb.
 
+pub mod wedge;
+
+use crate::cli::args::wedge::WedgeArguments;
 use crate::cli::places::{self, Extent, Length, Plane};
 use crate::cli::progress::Style;
 use crate::cli::values::{self, Crop, Display, Memory, Override, PixelPlace, Resolution, Samples};
@@ -42,6 +45,11 @@ pub enum Verb {
     /// Render one frame from all round
     #[command(after_help = "Example: curlsmoke turntable scenes/plume.yaml --at 12 --frames 1-48 --spp 64")]
     Turntable(TurntableArguments),
+    /// Render one frame with several values of some settings, to a sheet of all
+    #[command(
+        after_help = "Example: curlsmoke wedge scenes/plume.yaml --frame 12 --vary smoke.medium.extinction=15,60,240 --resolution 50%"
+    )]
+    Wedge(WedgeArguments),
     /// Check scenes and report every problem with its place
     #[command(after_help = "Example: curlsmoke check scenes/*.yaml")]
     Check(CheckArguments),
