@@ -14,6 +14,7 @@ mod smoke;
 mod studio;
 pub mod turntable;
 mod volumes;
+pub mod wedge;
 
 pub use crate::pipeline::bake::{BakeJob, bake};
 
@@ -36,7 +37,8 @@ use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
 use crate::render::film::{Film, PixelBounds};
 use crate::render::ledger::Ledger;
-use crate::render::{self, sun_shadow, tiles};
+use crate::render::tiles::{self, View};
+use crate::render::{self, sun_shadow};
 use crate::scene::pattern::Pattern;
 use crate::scene::{Scene, footprint, settings};
 use std::path::PathBuf;
@@ -125,13 +127,26 @@ struct Shot<'a> {
     fingerprint: String,
 }
 
-/// Makes a picture and writes its files; the studio is built for the first that is made, so that a run with nothing to do ends at
-/// once.
+/// Whoever takes pictures, with all that is kept from one to the next.
+trait Photographer {
+    /// Fills the ledger; how many paths a pixel has at most.
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        frame: i32,
+        ledger: &Ledger,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<u32, Error>;
+}
+
+/// Makes a picture and writes its files.
 fn make(
     shot: &Shot,
     job: &RenderJob,
     files: &OutputFiles,
-    studio: &mut Option<Studio>,
+    photographer: &mut dyn Photographer,
     progress: &dyn Progress,
 ) -> Result<FrameOutcome, Error> {
     let scene = shot.scene;
@@ -149,10 +164,6 @@ fn make(
         spp: scene.settings.film.spp,
         ..Sidecar::default()
     };
-    let studio = match studio {
-        Some(studio) => studio,
-        none => none.insert(Studio::build(scene, progress, &mut record)?),
-    };
     check_camera(scene, &[shot.frame])?;
     let view = render::build_view(scene, shot.frame, job.crop);
     let keeper = Keeper::new(scene, &view, files, job, &record, progress);
@@ -161,7 +172,7 @@ fn make(
     let samples = job.samples.map(|[first, last]| first - 1..last);
     let watcher = |ledger: &Ledger| keeper.look(ledger);
     let ledger = Ledger::new(samples, done, Some(&watcher));
-    match studio.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
+    match photographer.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
         Ok(spp) => record.spp = spp,
         Err(error) => {
             if error.is_cancelled() {
@@ -210,8 +221,7 @@ pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn
     let mut record = Sidecar::default();
     let view = render::build_view(scene, frame, crop);
     let ledger = Ledger::new(None, Vec::new(), None);
-    let mut studio = Studio::build(scene, progress, &mut record)?;
-    let spp = studio.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
+    let spp = None::<Studio>.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
     Ok(tiles::canvas(&view).film(spp, &ledger.tiles()))
 }
 

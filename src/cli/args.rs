@@ -18,6 +18,7 @@ use crate::cli::turntable::TurntableArguments;
 use crate::cli::values::{Memory, Override};
 use crate::cli::warp::WarpArguments;
 use crate::cli::watch::WatchArguments;
+use crate::cli::wedge::WedgeArguments;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -54,6 +55,11 @@ pub enum Verb {
     /// Render one frame from all round
     #[command(after_help = "Example: curlsmoke turntable scenes/plume.yaml --at 12 --frames 1-48 --spp 64")]
     Turntable(TurntableArguments),
+    /// Render one frame with several values of some settings, to a sheet of all
+    #[command(
+        after_help = "Example: curlsmoke wedge scenes/plume.yaml --frame 12 --vary smoke.medium.extinction=15,60,240 --resolution 50%"
+    )]
+    Wedge(WedgeArguments),
     /// Check scenes and report every problem with its place
     #[command(after_help = "Example: curlsmoke check scenes/*.yaml")]
     Check(CheckArguments),

@@ -198,6 +198,14 @@ pub(super) fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Er
 
 /// The scene with the flags of `render` applied, to make some of its frames, or all where `None`.
 pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> Result<Scene, Error> {
+    load_scene(&arguments.common, overrides_of(arguments, frames)?, frames)
+}
+
+/// What the flags of `render` alone set.
+pub(super) fn overrides_of(
+    arguments: &RenderArguments,
+    frames: Option<&[i32]>,
+) -> Result<Vec<(String, String)>, Error> {
     let mut overrides = Vec::new();
     if let Some(noise) = arguments.noise_target {
         overrides.push(("film.noise_target".to_string(), noise.to_string()));
@@ -226,7 +234,7 @@ pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> R
             overrides.push(("output.preview".to_string(), quoted(&format!("{preview}.png"))));
         }
     }
-    load_scene(&arguments.common, overrides, frames)
+    Ok(overrides)
 }
 
 /// The scene with the flags of `watch` applied. Its warnings are for the caller to tell, who reads it many times.
@@ -275,7 +283,7 @@ impl Names {
         Ok(Self { image: parse(&output.image)?, preview, scene: scene.name().into() })
     }
 
-    fn image(&self, frame: i32) -> PathBuf {
+    pub(super) fn image(&self, frame: i32) -> PathBuf {
         self.image.expand(frame, &self.scene).into()
     }
 

@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &SheetArguments) -> Result<u8, Error> {
         width: arguments.width,
         is_labelled: arguments.images.len() > 1 && !arguments.no_labels,
     };
-    let canvas = sheet(cells, settings).map_err(|error| Error::Usage(error.to_string()))?;
+    let canvas = sheet(cells, &[], settings).map_err(|error| Error::Usage(error.to_string()))?;
     write_atomic(output, &canvas.to_png()?)?;
     let [width, height] = canvas.size;
     print_result(&format!("{}: {width} × {height} pixels", output.display())).map(|()| 0)

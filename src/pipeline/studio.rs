@@ -9,7 +9,7 @@ use crate::pipeline::assemble::{
 };
 use crate::pipeline::smoke::SmokeSource;
 use crate::pipeline::volumes::VolumeSources;
-use crate::pipeline::{time_of, timed};
+use crate::pipeline::{Photographer, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::render::film::PathCounts;
 use crate::render::ledger::Ledger;
@@ -79,31 +79,62 @@ impl Studio {
                 &moved
             }
         };
-        let Exposure { view, media, motion } =
+        let exposure =
             Exposure::new(scene, frame, view.clone(), &self.geometry, &self.smoke, medium.as_ref(), &volumes);
-        let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
-        let most = view.bounds.area() as u64 * paths as u64;
-        let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
-        let spp = timed(progress, Stage::Render, record, most, || {
-            tiles::render_to(ledger, &view, world, media, motion.as_ref(), progress)
-        })?;
-        let mut paths = PathCounts::default();
-        ledger.tiles().iter().flatten().for_each(|tile| paths.add(&tile.counts));
-        let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
-        let traced = paths.traced.max(1) as f64;
-        record.samples_per_second = (paths.traced - resumed) as f64 / seconds.max(1e-9);
-        record.truncated_paths = paths.truncated as f64 / traced;
-        record.truncated_light = paths.truncated_throughput / traced;
-        if record.truncated_light > TRUNCATED_LIGHT_NOTED {
-            progress.note(&format!(
-                "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
-                 unbiased picture",
-                view.limits.max_bounces,
-                100.0 * record.truncated_light
-            ));
-        }
-        Ok(spp)
+        trace(&exposure, world, frame, ledger, progress, record)
     }
+}
+
+/// Built for the first picture, so that a run with nothing to do ends at once.
+impl Photographer for Option<Studio> {
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        frame: i32,
+        ledger: &Ledger,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<u32, Error> {
+        let studio = match self {
+            Some(studio) => studio,
+            none => none.insert(Studio::build(scene, progress, record)?),
+        };
+        studio.take_picture(scene, view, frame, ledger, progress, record)
+    }
+}
+
+/// Traces the light of a frame into the ledger and notes how that went; how many paths a pixel has at most.
+pub(super) fn trace(
+    Exposure { view, media, motion }: &Exposure,
+    world: &World,
+    frame: i32,
+    ledger: &Ledger,
+    progress: &dyn Progress,
+    record: &mut Sidecar,
+) -> Result<u32, Error> {
+    let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
+    let most = view.bounds.area() as u64 * paths as u64;
+    let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
+    let spp = timed(progress, Stage::Render, record, most, || {
+        tiles::render_to(ledger, view, world, *media, motion.as_ref(), progress)
+    })?;
+    let mut paths = PathCounts::default();
+    ledger.tiles().iter().flatten().for_each(|tile| paths.add(&tile.counts));
+    let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
+    let traced = paths.traced.max(1) as f64;
+    record.samples_per_second = (paths.traced - resumed) as f64 / seconds.max(1e-9);
+    record.truncated_paths = paths.truncated as f64 / traced;
+    record.truncated_light = paths.truncated_throughput / traced;
+    if record.truncated_light > TRUNCATED_LIGHT_NOTED {
+        progress.note(&format!(
+            "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
+             unbiased picture",
+            view.limits.max_bounces,
+            100.0 * record.truncated_light
+        ));
+    }
+    Ok(spp)
 }
 
 fn build_world(scene: &Scene, geometry: &Geometry, textures: &mut TextureStore, time: f64) -> Result<World, Error> {
