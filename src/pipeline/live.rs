@@ -291,7 +291,7 @@ impl LiveStudio {
     }
 }
 
-/// The very picture that `render` would make, with as many paths everywhere as the scene says.
+/// Takes the very picture that `render` would, with all that is kept from the last one.
 impl Photographer for LiveStudio {
     fn take_picture(
         &mut self,
