@@ -575,13 +575,13 @@ fn overscan_leaves_the_frame_as_it_is() {
         let lens = if *projection == "lat_long" { "" } else { lens };
         let picture = |overscan: &str, crop: Option<PixelBounds>, adaptive: Option<Adaptive>| -> Film {
             let text = format!(
-                "version: 1
+                "\
 camera: {{position: [0, 0.2, 3], look_at: [0.3, 0, 0], projection: {projection}{lens}}}
 film: {{resolution: [20, 12], spp: 8{overscan}}}
 shapes:
   ball: {{sphere: {{center: [0.4, 0, 0], radius: 0.9}}}}
 smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 10}}}}
-lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{environment: {{radiance: [1, 1, 1]}}}}]
+lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{environment: {{gradient: {{zenith: [1, 2, 3], horizon: [3, 1, 2], nadir: [0, 1, 0]}}}}}}]
 output: {{image: o.exr, aovs: [depth, normal, variance, samples, motion]}}
 "
             );
@@ -609,7 +609,10 @@ output: {{image: o.exr, aovs: [depth, normal, variance, samples, motion]}}
             agree(&frame);
             let corner = PixelBounds { x0: -7, y0: -3, x1: 5, y1: 2 };
             agree(&picture(", overscan: [7, 2, 3, 1]", Some(corner), adaptive));
-            // Nothing beside it is a copy.
+            // Nothing beside it is a copy, but of a sky that is seen in one direction only.
+            if projection.contains("orthographic") {
+                continue;
+            }
             let pixel = |x, y| more.pixels[more.bounds.index(x, y)];
             assert!((-3..13).any(|y| pixel(-1, y) != pixel(0, y)) && (-3..13).any(|y| pixel(-1, y) != pixel(19, y)));
         }

@@ -138,7 +138,14 @@ fn saving_shows_a_new_picture_and_errors_leave_the_last_one() {
     assert!(problem.message.contains("radios") && problem.excerpt.contains("radios: 1"), "{problem:?}");
     assert_eq!(&problem.excerpt[problem.caret[0]..problem.caret[0] + problem.caret[1]], "radios");
     assert_eq!(desk.picture(), good, "the last good picture stays");
-    assert!(desk.events.lock().unwrap().iter().any(|e| matches!(e, Event::Faulty(text) if text.contains("^^^^^^"))));
+    // Told after it is shown.
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let is_told =
+        || desk.events.lock().unwrap().iter().any(|e| matches!(e, Event::Faulty(text) if text.contains("^^^^^^")));
+    while !is_told() {
+        assert!(Instant::now() < deadline, "the error is not told");
+        thread::sleep(Duration::from_millis(5));
+    }
 
     // A file that is not there yet.
     desk.save(&SCENE.replace("sphere: {center: [0, 0, 0], radius: 1}", "mesh: {file: late.obj}"));

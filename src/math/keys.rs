@@ -204,7 +204,8 @@ mod tests {
                     let time = |i: i32| start + (end - start) * f64::from(i) / f64::from(STEPS);
                     let sum: f64 = (0..STEPS).map(|i| (keys.at(time(i)) - keys.at(time(i + 1))).abs()).sum();
                     let way = keys.way(start, end, length);
-                    assert!((way - sum).abs() < 1e-3, "{interpolation:?} {repeats} {start} {end}: {way} {sum}");
+                    // A step over a turning point loses up to its own length.
+                    assert!((way - sum).abs() < 5e-3, "{interpolation:?} {repeats} {start} {end}: {way} {sum}");
                 }
             }
         }
