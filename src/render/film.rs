@@ -189,8 +189,8 @@ impl Contribution {
 #[derive(Debug, Clone, Default)]
 pub struct Moments {
     count: u32,
-    /// Of three channels, and then of their squares.
-    sums: ExactSums<6>,
+    sums: ExactSums<3>,
+    squares: ExactSums<3>,
 }
 
 impl Moments {
@@ -198,7 +198,8 @@ impl Moments {
     fn add(&mut self, radiance: Rgb) {
         self.count += 1;
         let [x, y, z] = [f64::from(radiance.x), f64::from(radiance.y), f64::from(radiance.z)];
-        self.sums.add([x, y, z, x * x, y * y, z * z]);
+        self.sums.add([x, y, z]);
+        self.squares.add([x * x, y * y, z * z]);
     }
 
     /// Paths.
@@ -211,8 +212,7 @@ impl Moments {
     #[inline]
     pub fn mean(&self) -> Rgb {
         let n = f64::from(self.count.max(1));
-        let [x, y, z, ..] = self.sums.to_f64().map(|sum| (sum / n) as f32);
-        Rgb::new(x, y, z)
+        Rgb::from_array(self.sums.to_f64().map(|sum| (sum / n) as f32))
     }
 
     /// Estimated variance of the mean; with one path it is unknown and stands as infinite.
@@ -221,7 +221,7 @@ impl Moments {
         if self.count < 2 {
             return Rgb::INFINITY;
         }
-        let variance = |i: usize| (self.sums.spread(i, 3 + i, self.count) / (n * n * (n - 1.0))) as f32;
+        let variance = |i: usize| (self.sums.spread(&self.squares, i, self.count) / (n * n * (n - 1.0))) as f32;
         Rgb::from_array([0, 1, 2].map(variance))
     }
 }
@@ -275,6 +275,7 @@ impl PixelSum {
         let (moments, more) = (&mut self.moments, &other.moments);
         moments.count = moments.count.checked_add(more.count).expect("no picture has so many paths a pixel");
         moments.sums.merge(&more.sums);
+        moments.squares.merge(&more.squares);
         self.shadow.merge(&other.shadow);
         self.covered = self.covered.saturating_add(other.covered);
         self.caught = self.caught.saturating_add(other.caught);
@@ -291,6 +292,7 @@ impl PixelSum {
         let numbers = numbers.chain(coverage.flat_map(|(shape_idx, count)| [shape_idx, count]));
         numbers.for_each(|n| out.extend(n.to_le_bytes()));
         self.moments.sums.encode(out);
+        self.moments.squares.encode(out);
         self.shadow.encode(out);
         self.layers.0.iter().for_each(|sums| sums.encode(out));
     }
@@ -316,6 +318,7 @@ impl PixelSum {
             sum.coverage.add(shape_idx, count);
         }
         sum.moments.sums = ExactSums::decode(bytes)?;
+        sum.moments.squares = ExactSums::decode(bytes)?;
         sum.shadow = ExactSums::decode(bytes)?;
         for sums in &mut sum.layers.0 {
             *sums = ExactSums::decode(bytes)?;
