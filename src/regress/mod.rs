@@ -2,6 +2,7 @@
 //!
 //! The command `regress` and this project's own image tests both come here.
 
+mod command;
 pub mod html;
 pub mod judge;
 pub mod junit;
