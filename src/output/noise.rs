@@ -38,7 +38,7 @@ pub(crate) struct Pooled {
 pub(crate) fn pooled(variance: &[f64], width: usize, degrees: f64) -> Pooled {
     let squares: Vec<f64> = variance.iter().map(|v| v * v).collect();
     let mean = variance.iter().sum::<f64>() / variance.len().max(1) as f64;
-    // Where hardly anything is known, all of the picture must do.
+    // Where hardly anything is known even in the largest squares, all of the picture must do.
     let mut prior = vec![f64::NAN; variance.len()];
     let mut deviations = (0.0, 0usize);
     for (step, radius) in RADII.into_iter().enumerate() {
@@ -47,14 +47,20 @@ pub(crate) fn pooled(variance: &[f64], width: usize, degrees: f64) -> Pooled {
         }
         let (sums, sums_of_squares) = (box_sums(variance, width, radius), box_sums(&squares, width, radius));
         let areas = box_sums(&vec![1.0; variance.len()], width, radius);
-        for i in 0..variance.len() {
+        for (i, own) in variance.iter().enumerate() {
+            let mean = sums[i] / areas[i];
+            // Also where little is known: squares of even noise alone would tell that all noise is even.
+            if step == 0 && mean > 0.0 {
+                deviations.0 += (own / mean - 1.0).powi(2);
+                deviations.1 += 1;
+            }
             let known = sums[i] * sums[i] / sums_of_squares[i] * degrees;
             if prior[i].is_nan() && known >= DEGREES_MIN {
-                prior[i] = sums[i] / areas[i];
-                if step == 0 {
-                    deviations.0 += (variance[i] / prior[i] - 1.0).powi(2);
-                    deviations.1 += 1;
-                }
+                prior[i] = mean;
+            }
+            // So many pixels that agree in all runs have no noise, whatever others have.
+            if step + 1 == RADII.len() && mean == 0.0 {
+                prior[i] = 0.0;
             }
         }
     }
@@ -160,7 +166,7 @@ mod tests {
         let error = even.variance.iter().map(|v| (v / 4.0 - 1.0).powi(2)).sum::<f64>() / COUNT as f64;
         assert!(error < 0.15, "{error}: with one degree of freedom it is 2");
         let uneven = pooled(&variances(2, |i| if i % 9 == 0 { 2.0 } else { 0.1 }), WIDTH, 1.0);
-        assert!(uneven.degrees < 6.0, "{}", uneven.degrees);
+        assert!(uneven.degrees < 8.0, "{}", uneven.degrees);
         let mean = |p: &Pooled| p.variance.iter().sum::<f64>() / COUNT as f64;
         assert!((mean(&even) / 4.0 - 1.0).abs() < 0.1 && (mean(&uneven) / 0.453 - 1.0).abs() < 0.2);
     }
@@ -173,7 +179,7 @@ mod tests {
         (20..30).for_each(|x| variance[10 * WIDTH + x] = 1.0);
         let line = pooled(&variance, WIDTH, 3.0);
         let at = |x: usize, y: usize| line.variance[y * WIDTH + x];
-        assert!(at(25, 11) > 0.02 && at(25, 10) > at(25, 11) && at(60, 40) > 0.0 && at(60, 40) < 0.01);
+        assert!(at(25, 11) > 0.02 && at(25, 10) > at(25, 11) && at(25, 20) > 0.0 && at(60, 40) == 0.0);
         assert!(pooled(&[], 0, 1.0).variance.is_empty());
     }
 
@@ -189,7 +195,8 @@ mod tests {
             .map(|(x, y)| get(x, y) + get(x + 1, y) + get(x, y + 1) + get(x + 1, y + 1))
             .collect();
         let factor = correlation(&spread, WIDTH, 16);
-        assert!((factor - 4.0).abs() < 0.6, "{factor}");
+        // Less what the means of blocks take with them.
+        assert!((2.8..4.6).contains(&factor), "{factor}");
         // What is even within blocks is a difference, and no noise.
         let shifted: Vec<f64> = white.iter().enumerate().map(|(i, e)| e + (i % WIDTH / 16) as f64).collect();
         assert_eq!(correlation(&shifted, WIDTH, 16), 1.0);

@@ -73,6 +73,9 @@ impl CaseResult {
             Ok(compared) if self.should_fail && compared.judgement.agree() => {
                 "the pictures agree, and must not".to_string()
             }
+            Ok(compared) if self.should_fail && self.passed() => {
+                format!("different, as they should be: {}", compared.judgement.summary())
+            }
             Ok(compared) => compared.judgement.summary(),
         }
     }
