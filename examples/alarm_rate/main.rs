@@ -142,9 +142,9 @@ fn figures(share: f64) -> String {
     let rate = 100.0 * all as f64 / equal as f64;
     let _ = write!(text, "| wisp, haze, lamp | {all} of {equal}: {rate:.1} % |");
     let count = many().count() * counted(ROUNDS);
-    for i in 0..CHANGES.len() {
-        let _ = write!(text, " {} of {count} |", many().map(|s| found[s][i]).sum::<usize>());
-    }
+    (0..CHANGES.len()).map(|i| many().map(|s| found[s][i]).sum::<usize>()).for_each(|sum| {
+        let _ = write!(text, " {sum} of {count} |");
+    });
     let (sum, count) = (many().map(|s| found[s].iter().sum::<usize>()).sum::<usize>(), count * CHANGES.len());
     let _ = writeln!(
         text,
