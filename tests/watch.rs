@@ -229,7 +229,9 @@ fn strangers_read_nothing() {
         assert!(reply.header("Content-Security-Policy").unwrap().contains("default-src 'none'"));
     }
     assert_eq!(get("/status", &[("Host", &format!("LOCALHOST:{port}"))]).status, 200);
-    let foreign: [&[(&str, &str)]; 8] = [
+    let own_host = format!("127.0.0.1:{port}");
+    let foreign: [&[(&str, &str)]; 9] = [
+        &[("Host", &own_host), ("Host", "evil.example")],
         // A name of somebody else's that was given this machine's address.
         &[("Host", &format!("evil.example:{port}"))],
         &[("Host", "127.0.0.1")],
@@ -263,7 +265,10 @@ fn strangers_read_nothing() {
     for (path, status) in bad {
         assert_eq!(get(path, &[]).status, status, "{path}");
     }
-    assert_eq!(request(port, "POST", "/crop?x0=5&y0=0&x1=5&y1=9", &[], "").status, 400);
+    for crop in ["/crop?x0=5&y0=0&x1=5&y1=9", "/crop?x0=-1&y0=0&x1=1e9&y1=9", "/crop?x0=a&y0=b&x1=c&y1=d", "/crop?x=5"]
+    {
+        assert_eq!(request(port, "POST", crop, &[], "").status, 400, "{crop}");
+    }
     assert_eq!(request(port, "DELETE", "/", &[], "").status, 405);
     assert!(server::serve(&desk.board, port, |_| ()).unwrap_err().to_string().contains("another port"));
 }

@@ -12,6 +12,9 @@
 //! the two estimates are pooled; this keeps a low estimate in a pixel that happened to miss its bright paths from
 //! raising an alarm.
 //!
+//! Where variances were measured between a few runs, those of a pixel and its neighbours are joined; where errors of neighbours are
+//! alike, as in pictures whose paths are splatted, blocks and the picture are taken to be so much noisier (both: [`noise`]).
+//!
 //! The variances in our pictures are upper bounds (`docs/decisions.md`), so the test of pixels raises fewer false alarms than
 //! `alpha` and finds less; the others measure the noise in the picture itself where that is less.
 //!
@@ -23,6 +26,7 @@ use crate::math::statistics::{
 };
 use crate::output::compare::{CompareError, Report, check_finite};
 use crate::output::image::{Attribute, Image};
+use crate::output::noise;
 use std::ops::Range;
 
 /// Attribute that says how many samples a pixel has.
@@ -54,6 +58,10 @@ struct Channel {
     difference: Vec<f64>,
     /// Variance of the difference, without the floor.
     variance: Vec<f64>,
+    /// Degrees of freedom of each variance; infinite when unknown.
+    degrees: f64,
+    /// Whether the variances were measured between runs: then they are no upper bounds.
+    is_measured: bool,
     /// What rounding in the files may add, as a standard deviation.
     rounding: Vec<f64>,
 }
@@ -121,9 +129,12 @@ pub(crate) fn test(
     let channels: Vec<Channel> = (0..ours.means.len())
         .map(|c| {
             let pairs = || ours.means[c].iter().zip(theirs.means[c]);
+            let (variance, degrees) = noise.of_difference(c, image.data_size[0] as usize);
             let mut channel = Channel {
                 difference: pairs().map(|(&a, &b)| f64::from(a) - f64::from(b)).collect(),
-                variance: noise.of_difference(c),
+                variance,
+                degrees,
+                is_measured: noise.runs().is_some(),
                 rounding: pairs().map(|(&a, &b)| rounding(a, b)).collect(),
             };
             // What is the same and no number in both has neither difference nor noise.
@@ -138,12 +149,14 @@ pub(crate) fn test(
         return Ok(());
     }
     let level = sidak(settings.alpha, TEST_COUNT);
-    test_pixels(&channels, noise.degrees(), level, settings.pixel_share, report);
+    test_pixels(&channels, level, settings.pixel_share, report);
     let units: Vec<Vec<f64>> = channels.iter().map(units).collect();
     // Channels of grey light are the same three times, and must not be paid for three times.
     let count = effective_count(&units);
-    test_blocks(image, &channels, count, level, report);
-    test_whole(&channels, &units, sidak_effective(level, count), report);
+    let width = image.data_size[0] as usize;
+    let correlations: Vec<f64> = units.iter().map(|units| noise::correlation(units, width, BLOCK)).collect();
+    test_blocks(image, &channels, &correlations, [level, count], report);
+    test_whole(&channels, &units, &correlations, sidak_effective(level, count), report);
     Ok(())
 }
 
@@ -175,6 +188,15 @@ struct Noise<'m, 'a> {
 }
 
 impl Noise<'_, '_> {
+    /// Pictures that the only variances there are were measured between.
+    fn runs(&self) -> Option<f64> {
+        match (&self.ours.variances, &self.theirs.variances) {
+            (Some(_), None) => self.ours.runs,
+            (None, Some(_)) => self.theirs.runs,
+            _ => None,
+        }
+    }
+
     /// Degrees of freedom of the variance of a difference; infinite when unknown.
     fn degrees(&self) -> f64 {
         let known = |layer: &Measurement| match (&layer.variances, layer.runs.or(layer.spp)) {
@@ -189,8 +211,20 @@ impl Noise<'_, '_> {
         }
     }
 
-    /// Variance of the difference in each pixel of channel `c`.
-    fn of_difference(&self, c: usize) -> Vec<f64> {
+    /// Variance of the difference in each pixel of channel `c` of pictures of this width, and its degrees of freedom.
+    fn of_difference(&self, c: usize, width: usize) -> (Vec<f64>, f64) {
+        let variance = self.of_each_pixel(c);
+        match self.runs() {
+            // What is no variance is found by who asks for it next.
+            Some(runs) if variance.iter().all(|v| v.is_finite() && *v >= 0.0) => {
+                let pooled = noise::pooled(&variance, width, (runs - 1.0).max(1.0));
+                (pooled.variance, pooled.degrees)
+            }
+            _ => (variance, self.degrees()),
+        }
+    }
+
+    fn of_each_pixel(&self, c: usize) -> Vec<f64> {
         fn values<'v>(variance: &[&'v [f32]], c: usize) -> impl Iterator<Item = f64> + use<'v> {
             variance[c].iter().map(|&v| f64::from(v))
         }
@@ -221,22 +255,26 @@ fn scaled(values: impl Iterator<Item = f64>, known: Option<f64>, other: Option<f
     values.map(|v| v * factor).collect()
 }
 
-fn test_pixels(channels: &[Channel], degrees: f64, level: f64, pixel_share: f64, report: &mut Report) {
+fn test_pixels(channels: &[Channel], level: f64, pixel_share: f64, report: &mut Report) {
     let count = report.map.len();
-    let limit = critical_value(sidak(level, count * channels.len()), degrees);
+    let p = sidak(level, count * channels.len());
+    let limits: Vec<f64> = channels.iter().map(|c| critical_value(p, c.degrees)).collect();
     let mut failed = 0usize;
     let mut worst = 0.0f64;
     for i in 0..count {
-        for c in channels {
+        let mut has_failed = false;
+        for (c, limit) in channels.iter().zip(&limits) {
             // Noise spreads, rounding does not: only what rounding cannot explain counts.
             let excess = (c.difference[i].abs() - c.rounding[i]).max(0.0);
             let score = ratio(excess, c.variance[i].sqrt());
             report.map[i] = report.map[i].max(score as f32);
+            has_failed |= score > *limit;
         }
-        failed += usize::from(f64::from(report.map[i]) > limit);
+        failed += usize::from(has_failed);
         worst = worst.max(report.map[i].into());
     }
     let share = 1.0 - failed as f64 / count.max(1) as f64;
+    let limit = limits.iter().copied().fold(0.0, f64::max);
     let text = format!(
         "{:.3} % of {count} agree, at least {:.2} % must (within {limit:.2} standard deviations; worst {worst:.2})",
         share * 100.0,
@@ -245,10 +283,13 @@ fn test_pixels(channels: &[Channel], degrees: f64, level: f64, pixel_share: f64,
     report.find("pixels", share >= pixel_share, text);
 }
 
+/// Degrees of freedom beyond which Student's t is normal.
+const DEGREES_MANY: f64 = 1e5;
+
 /// Two-sided critical value of Student's t, or of the normal distribution for infinite degrees of freedom.
 fn critical_value(p: f64, degrees: f64) -> f64 {
     let normal = -normal_quantile(0.5 * p);
-    if degrees > 1e5 {
+    if degrees > DEGREES_MANY {
         return normal;
     }
     let (mut low, mut high) = (normal, 2.0 * normal);
@@ -267,7 +308,13 @@ fn ratio(x: f64, y: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x / y }
 }
 
-fn test_blocks(image: &Image, channels: &[Channel], channel_count: f64, level: f64, report: &mut Report) {
+fn test_blocks(
+    image: &Image,
+    channels: &[Channel],
+    correlations: &[f64],
+    [level, channel_count]: [f64; 2],
+    report: &mut Report,
+) {
     let [width, height] = image.data_size.map(|n| n as usize);
     let (columns, rows) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
     let p = sidak_effective(level, (columns * rows) as f64 * channel_count);
@@ -279,7 +326,7 @@ fn test_blocks(image: &Image, channels: &[Channel], channel_count: f64, level: f
             let xs = x0..(x0 + BLOCK).min(width);
             (y0..(y0 + BLOCK).min(height)).flat_map(move |y| xs.clone().map(move |x| y * width + x))
         };
-        let scores = channels.iter().map(|c| block_score(c, pixels()));
+        let scores = channels.iter().zip(correlations).map(|(c, correlation)| block_score(c, *correlation, pixels()));
         let (score, probability) =
             scores.fold((0.0, 1.0), |a, b| if b.1 < a.1 || b.0 > a.0 && b.1 == a.1 { b } else { a });
         failed += usize::from(probability < p);
@@ -303,8 +350,9 @@ const SPREAD_COUNT_MIN: f64 = 30.0;
 /// Standard deviations by which the mean difference of the pixels is off, beyond rounding, and how probable that much is.
 ///
 /// The spread of the differences within the block is a measure of noise as well, and a smaller one where stratified samples make
-/// pixels quieter than their variance says. It is used where it is less, and where enough pixels have noise.
-fn block_score(channel: &Channel, pixels: impl Iterator<Item = usize>) -> (f64, f64) {
+/// pixels quieter than their variance says. It is used where it is less, where enough pixels have noise, and where variances are
+/// upper bounds.
+fn block_score(channel: &Channel, correlation: f64, pixels: impl Iterator<Item = usize>) -> (f64, f64) {
     let (mut differences, mut variance, mut squares, mut rounding) = (Moments::default(), 0.0, 0.0, 0.0);
     for i in pixels {
         differences.push(channel.difference[i]);
@@ -316,12 +364,19 @@ fn block_score(channel: &Channel, pixels: impl Iterator<Item = usize>) -> (f64, 
     let excess = (differences.mean().abs() * count - rounding).max(0.0);
     let noisy = variance * variance / squares.max(f64::MIN_POSITIVE);
     let spread = differences.variance() * count;
-    if noisy >= SPREAD_COUNT_MIN && spread < variance {
-        let score = ratio(excess, spread.sqrt());
-        return (score, 2.0 * student_t_cdf(-score, noisy - 1.0));
+    if !channel.is_measured && noisy >= SPREAD_COUNT_MIN && spread < variance {
+        let score = ratio(excess, (spread * correlation).sqrt());
+        return (score, probability(score, noisy - 1.0));
     }
-    let score = ratio(excess, variance.sqrt());
-    (score, z_test(score))
+    let score = ratio(excess, (variance * correlation).sqrt());
+    // Satterthwaite's degrees of freedom of a sum of variances.
+    let degrees = if channel.is_measured { noisy.max(1.0) * channel.degrees } else { f64::INFINITY };
+    (score, probability(score, degrees))
+}
+
+/// Two-sided probability of a score whose standard deviation is known with so many degrees of freedom.
+fn probability(score: f64, degrees: f64) -> f64 {
+    if degrees > DEGREES_MANY { z_test(score) } else { 2.0 * student_t_cdf(-score, degrees) }
 }
 
 /// Rounding averages out in a noisy pixel, but repeats itself where neighbouring pixels have no noise.
@@ -329,18 +384,19 @@ fn systematic_rounding(channel: &Channel, i: usize) -> f64 {
     if channel.variance[i].sqrt() < channel.rounding[i] { channel.rounding[i] } else { 0.0 }
 }
 
-fn test_whole(channels: &[Channel], units: &[Vec<f64>], p: f64, report: &mut Report) {
-    let mut worst = 0.0f64;
+fn test_whole(channels: &[Channel], units: &[Vec<f64>], correlations: &[f64], p: f64, report: &mut Report) {
+    let (mut least, mut worst) = (1.0f64, 0.0f64);
     let mut bias = 0.0;
-    for (channel, units) in channels.iter().zip(units) {
-        let score = whole_score(channel, units);
+    for ((channel, units), correlation) in channels.iter().zip(units).zip(correlations) {
+        let (score, probability) = whole_score(channel, units, *correlation);
         if score >= worst {
             worst = score;
             bias = channel.difference.iter().sum::<f64>() / channel.difference.len().max(1) as f64;
         }
+        least = least.min(probability);
     }
     let text = format!("mean difference {bias:+.3e}, {worst:.2} standard deviations");
-    report.find("image", z_test(worst) >= p, text);
+    report.find("image", least >= p, text);
 }
 
 /// Runs of pixels and the mean noise of each: a measure of a pixel's noise that hardly depends on its own luck.
@@ -362,27 +418,34 @@ fn units(channel: &Channel) -> Vec<f64> {
         .collect()
 }
 
-/// Standard deviations by which the picture as a whole is off.
+/// Standard deviations by which the picture as a whole is off, and how probable that much is.
 ///
 /// The spread of the units across the picture is itself a measure of noise, and a smaller one where stratified samples make
-/// pixels quieter than their variance says; so the smaller of the two is used.
-fn whole_score(channel: &Channel, units: &[f64]) -> f64 {
-    let (mut noisy, mut expected, mut rounding) = (Moments::default(), 0.0, 0.0);
+/// pixels quieter than their variance says; so the smaller of the two is used where variances are upper bounds.
+fn whole_score(channel: &Channel, units: &[f64], correlation: f64) -> (f64, f64) {
+    let (mut noisy, mut expected, mut squares, mut rounding) = (Moments::default(), 0.0, 0.0, 0.0);
     // Without noise there is nothing to measure in; the pixel test has looked at these.
     for (run, noise) in runs(channel).filter(|(_, noise)| *noise > 0.0) {
         for i in run {
             noisy.push(units[i]);
-            expected += channel.variance[i] / noise;
+            let own = channel.variance[i] / noise;
+            expected += own;
+            squares += own * own;
             rounding += systematic_rounding(channel, i) / noise.sqrt();
         }
     }
     let count = noisy.count() as f64;
     if count < 2.0 {
-        return 0.0;
+        return (0.0, 1.0);
     }
-    let variance_of_mean = (expected / count / count).min(noisy.variance_of_mean());
     let excess = (noisy.mean().abs() - rounding / count).max(0.0);
-    ratio(excess, variance_of_mean.sqrt())
+    let variance_of_mean = expected / count / count;
+    if channel.is_measured {
+        let score = ratio(excess, (variance_of_mean * correlation).sqrt());
+        return (score, probability(score, expected * expected / squares * channel.degrees));
+    }
+    let score = ratio(excess, (variance_of_mean.min(noisy.variance_of_mean()) * correlation).sqrt());
+    (score, z_test(score))
 }
 
 #[cfg(test)]

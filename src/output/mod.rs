@@ -13,6 +13,7 @@ pub mod heat_map;
 pub mod image;
 pub mod layers;
 pub mod movie;
+mod noise;
 pub mod oidn;
 pub mod part;
 pub mod part_set;

@@ -2,6 +2,7 @@
 //!
 //! The command `regress` and this project's own image tests both come here.
 
+mod command;
 pub mod html;
 pub mod judge;
 pub mod junit;
@@ -71,6 +72,9 @@ impl CaseResult {
             Err(error) => error.clone(),
             Ok(compared) if self.should_fail && compared.judgement.agree() => {
                 "the pictures agree, and must not".to_string()
+            }
+            Ok(compared) if self.should_fail && self.passed() => {
+                format!("different, as they should be: {}", compared.judgement.summary())
             }
             Ok(compared) => compared.judgement.summary(),
         }

@@ -6,13 +6,12 @@ use crate::output::image::{Image, SampleKind};
 use crate::output::{OutputError, read_image};
 use crate::pipeline;
 use crate::progress::Progress;
-use crate::regress::RegressJob;
+use crate::regress::{RegressJob, command};
 use crate::render;
 use crate::scene::Scene;
 use crate::scene::settings::Aov;
 use crate::scene::suite::{Case, OUTPUT_PLACEHOLDER, PATHS_DEFAULT, SEED_PLACEHOLDER, Suite, parse_override};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// What a picture is made from.
 #[derive(Debug, Clone, Copy)]
@@ -37,7 +36,7 @@ impl Making<'_> {
             return self.render(spp, seed, progress);
         }
         match &self.case.command {
-            Some(command) => self.run(command, seed),
+            Some(command) => self.run(command, seed, progress),
             None => self.found(),
         }
     }
@@ -88,7 +87,7 @@ impl Making<'_> {
         Ok(image_of_film(&film, SampleKind::Float, &origin))
     }
 
-    fn run(&self, command: &str, seed: u64) -> Result<Image, Error> {
+    fn run(&self, command: &str, seed: u64, progress: &dyn Progress) -> Result<Image, Error> {
         if !self.job.run_commands {
             let text = format!("the case runs `{command}`; allow that with --run-commands if you trust the suite");
             return Err(Error::Usage(text));
@@ -98,14 +97,9 @@ impl Making<'_> {
         let quoted = format!("'{}'", file.display().to_string().replace('\'', "'\\''"));
         let line = command.replace(OUTPUT_PLACEHOLDER, &quoted).replace(SEED_PLACEHOLDER, &seed.to_string());
         let folder = self.suite.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let run = Command::new("sh").arg("-c").arg(&line).current_dir(folder).output();
-        let run = run.map_err(|e| Error::Usage(format!("`{line}` cannot be run: {e}")))?;
-        if !run.status.success() {
-            let said = String::from_utf8_lossy(&run.stderr);
-            // What is wrong tends to come first, and its number last.
-            let telling = said.lines().find(|line| line.contains("error")).or(said.lines().last());
-            let telling = telling.unwrap_or("it said nothing");
-            return Err(Error::Usage(format!("`{line}` ended with {}: {telling}", run.status)));
+        let (status, telling) = command::run(&line, folder, progress)?;
+        if !status.success() {
+            return Err(Error::Usage(format!("`{line}` ended with {status}: {telling}")));
         }
         Ok(read_image(&file, self.job.memory_limit)?)
     }

@@ -196,7 +196,10 @@ impl Answer {
 /// Whether a request comes from our own page, or from no page at all.
 fn refuse_strangers(request: &Request, port: u16) -> Result<(), Answer> {
     let hosts = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
-    let own_host = request.header("Host").is_some_and(|host| hosts.iter().any(|own| host.eq_ignore_ascii_case(own)));
+    // Of two names, whatever stands before this server may have believed the other.
+    let is_single = request.headers.iter().filter(|(name, _)| name.eq_ignore_ascii_case("Host")).count() == 1;
+    let is_own = |host: &str| is_single && hosts.iter().any(|own| host.eq_ignore_ascii_case(own));
+    let own_host = request.header("Host").is_some_and(is_own);
     if !own_host {
         return Err(Answer::refusal(403, "this page is served to http://127.0.0.1 and http://localhost alone"));
     }
@@ -294,7 +297,7 @@ fn pixel(board: &Board, query: &Query) -> Answer {
 fn crop(board: &Board, query: &Query) -> Answer {
     let edge = |name| query.number::<i32>(name);
     match (edge("x0"), edge("y0"), edge("x1"), edge("y1")) {
-        (None, None, None, None) => board.wish_crop(None),
+        (None, None, None, None) if query.0.is_empty() => board.wish_crop(None),
         (Some(x0), Some(y0), Some(x1), Some(y1)) if x0 < x1 && y0 < y1 => {
             board.wish_crop(Some(PixelBounds { x0, y0, x1, y1 }));
         }
