@@ -132,7 +132,7 @@ fn smoke_in_a_whirl_goes_where_its_particles_go() {
     assert!(motion(&still).iter().all(|v| *v == [0.0; 2]));
     assert_eq!(moving.pixels, still.pixels, "to ask for motion changes no light");
     let mut resting = medium;
-    resting.is_carried = false;
+    resting.matter.is_carried = false;
     let film =
         tiles::render_media(&view, &stage.world, Some(&resting).into(), Some(&motion_of_frame), &Silent).unwrap();
     assert!(motion(&film).iter().all(|v| *v == [0.0; 2]), "the flow carries smoke and no other volume");

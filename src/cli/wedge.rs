@@ -187,7 +187,7 @@ impl Plan {
             let path = names.image(self.frame);
             let image = read_image(&path, (settings.render.memory_limit_gib * f64::from(1 << 30)) as u64)?;
             let output = &settings.output;
-            let picture = sheet::Cell::new(label.clone(), &image, output.view.into(), output.exposure_ev)
+            let picture = sheet::Cell::new(label.clone(), &image, output.view, output.exposure_ev)
                 .map_err(|error| Error::Usage(format!("{}: {error}", path.display())))?;
             pictures.push(picture.narrowed(arguments.width.unwrap_or(u32::MAX)));
         }

@@ -106,7 +106,7 @@ fn file_volume(
     record.grid.bytes += smoke.memory_bytes();
     let mut medium = render::grid_medium(&volume.medium, smoke.density)
         .map_err(|e| in_scene(scene, &format!("{key}.medium"), Some(frame), e))?;
-    medium.is_carried = false;
+    medium.matter.is_carried = false;
     if let Some(glow) = smoke.glow {
         render::kindle(&mut medium, glow, smoke.is_unbound).map_err(|e| in_scene(scene, &key, Some(frame), e))?;
     }

@@ -103,13 +103,9 @@ impl<'a> Integrator<'a> {
         let mut direction_pdf: Option<f32> = None;
         let mut asked = Asked { point: ray.origin, flight: None };
         counts.traced += 1;
-        let mut chroma: Option<Chroma> = None;
+        let mut chroma = self.media.tint().map(|ratios| Chroma::new(ratios, sampler.numbers(Dimension::Hero, 0)[0]));
         for bounce in 0.. {
             let numbers = sampler.numbers(Dimension::Event, bounce);
-            if bounce == 0 {
-                chroma =
-                    self.media.tint().map(|ratios| Chroma::new(ratios, sampler.numbers(Dimension::Hero, bounce)[0]));
-            }
             // In smoke a flight mostly ends before anything else could be met, and what is near is found sooner. Where a
             // colour or lamps are concerned, the way to the surface counts itself.
             let flies_first = bounce > 0 && chroma.is_none() && self.world.lamps().is_empty();
@@ -231,7 +227,7 @@ impl<'a> Integrator<'a> {
         u: f32,
         sampler: &mut Sampler,
         chroma: Option<&mut Chroma>,
-    ) -> (Option<Matter>, f32) {
+    ) -> (Option<&'a Matter>, f32) {
         if self.media.is_empty() {
             return (None, t_max);
         }

@@ -143,13 +143,13 @@ impl<'a> Media<'a> {
         u: f32,
         stream: &mut Stream,
         chroma: Option<&mut Chroma>,
-    ) -> Option<(f32, Matter)> {
+    ) -> Option<(f32, &'a Matter)> {
         if !self.volumes.is_empty() {
             return self.nearest_collision(ray, t_max, u, stream, chroma);
         }
         let medium = self.smoke?;
         match sample_collision(medium, ray, t_max, u, stream, chroma) {
-            Event::Collision { t } => Some((t, medium.matter())),
+            Event::Collision { t } => Some((t, &medium.matter)),
             Event::Escape => None,
         }
     }
@@ -162,7 +162,7 @@ impl<'a> Media<'a> {
         u: f32,
         stream: &mut Stream,
         mut chroma: Option<&mut Chroma>,
-    ) -> Option<(f32, Matter)> {
+    ) -> Option<(f32, &'a Matter)> {
         let mut nearest = None;
         let mut end = t_max;
         // The number of the path's own decides for the first volume, those of the stream for the others.
@@ -257,9 +257,9 @@ impl<'a> Media<'a> {
 
     /// What a collision at distance `t` of the ray is with; chosen by the extinctions there where volumes overlap. `None` where
     /// there is nothing.
-    pub fn met_at(&self, ray: &Ray, t: f32, stream: &mut Stream) -> Option<Matter> {
+    pub fn met_at(&self, ray: &Ray, t: f32, stream: &mut Stream) -> Option<&'a Matter> {
         if self.volumes.is_empty() {
-            return self.smoke.map(Medium::matter);
+            return self.smoke.map(|medium| &medium.matter);
         }
         let (mut total, mut chosen) = (0.0, None);
         for each in self.each() {
@@ -289,7 +289,7 @@ impl<'a> Media<'a> {
     }
 }
 
-impl Each<'_> {
+impl<'a> Each<'a> {
     fn tint(self) -> Option<Vec3> {
         match self {
             Self::Grid(medium) => medium.tint,
@@ -297,10 +297,10 @@ impl Each<'_> {
         }
     }
 
-    fn matter(self) -> Matter {
+    fn matter(self) -> &'a Matter {
         match self {
-            Self::Grid(medium) => medium.matter(),
-            Self::Even(held) => held.medium.matter,
+            Self::Grid(medium) => &medium.matter,
+            Self::Even(held) => &held.medium.matter,
         }
     }
 

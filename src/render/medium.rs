@@ -17,7 +17,7 @@ pub struct Matter {
     pub albedo: Rgb,
     /// Directions of scattering.
     pub phase: Phase,
-    /// Whether the flow carries it along.
+    /// Whether the flow carries it along, as it does smoke and no other volume.
     pub is_carried: bool,
 }
 
@@ -39,12 +39,8 @@ pub struct Medium {
     pub glow: Option<[DensityGrid; 3]>,
     /// Where `glow` is, of light that is not bound to the density.
     pub glow_majorants: Option<[MajorantGrid; 3]>,
-    /// Share of the extinction that scatters, each channel in [0, 1].
-    pub albedo: Rgb,
-    /// Directions of scattering.
-    pub phase: Phase,
-    /// Whether the flow carries it along, as it does smoke and no other volume.
-    pub is_carried: bool,
+    /// What scatters.
+    pub matter: Matter,
     /// What multiplies the density between voxels, if anything does.
     pub detail: Option<Box<Detail>>,
 }
@@ -63,9 +59,7 @@ impl Medium {
             emission: Rgb::ZERO,
             glow: None,
             glow_majorants: None,
-            albedo,
-            phase,
-            is_carried: true,
+            matter: Matter { albedo, phase, is_carried: true },
             detail: None,
         }
     }
@@ -128,12 +122,6 @@ impl Medium {
     #[inline]
     pub fn extinction(&self) -> f32 {
         self.extinction
-    }
-
-    /// What scatters.
-    #[inline]
-    pub fn matter(&self) -> Matter {
-        Matter { albedo: self.albedo, phase: self.phase, is_carried: self.is_carried }
     }
 
     /// Upper bound of the extinction coefficient where the density is at most `density_max` [1/m].

@@ -16,7 +16,7 @@ pub enum Vertex<'a> {
         /// Where.
         point: WorldPoint,
         /// What scatters there.
-        matter: Matter,
+        matter: &'a Matter,
         /// Direction of travel of the path before.
         before: UnitVec3,
     },
