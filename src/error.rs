@@ -84,6 +84,9 @@ pub enum Error {
     /// A wrong argument.
     #[error("{0}")]
     Usage(String),
+    /// What was asked for is not in the scene.
+    #[error("{0}")]
+    NotInScene(String),
     /// A scene without smoke cannot be baked.
     #[error("the scene has no smoke; add `smoke` with `emitters` and `grid`, or `file`")]
     NothingToBake,
@@ -108,7 +111,7 @@ impl Error {
             Error::Geometry(e) => geometry_exit_code(e),
             Error::Particles(ParticlesError::OverMemoryLimit { .. }) => 6,
             Error::Particles(ParticlesError::NotFinite { .. }) => 1,
-            Error::Particles(_) | Error::Flow(_) | Error::NothingToBake => 3,
+            Error::Particles(_) | Error::Flow(_) | Error::NothingToBake | Error::NotInScene(_) => 3,
             Error::Grid(e) => grid_exit_code(e),
             Error::Vdb(e) => match &e.problem {
                 VdbProblem::Io(io) if io.kind() == std::io::ErrorKind::NotFound => 4,

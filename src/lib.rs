@@ -4,9 +4,10 @@
 //! Data flows left to right, and a module imports only from modules to its left:
 //!
 //! ```text
-//! math · progress | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → watch · regress → cli → main
+//! math · progress · foreign | scene → geometry → flow → points · particles → grid → render → output → inspect | error → pipeline → watch · regress → cli → main
 //! ```
 
+pub mod foreign;
 pub mod math;
 pub mod progress;
 

@@ -1,5 +1,6 @@
 //! Runs the stages in order and times them; the only file that names them all.
 
+mod assemble;
 mod bake;
 mod fingerprint;
 mod frame_files;
@@ -10,43 +11,37 @@ pub mod live;
 mod mask_files;
 pub mod merge;
 mod smoke;
+mod studio;
 pub mod turntable;
 mod volumes;
+pub mod wedge;
 
 pub use crate::pipeline::bake::{BakeJob, bake};
 
 use crate::error::Error;
 use crate::flow::Flow;
-use crate::geometry::moment::Shutter;
-use crate::geometry::{Geometry, GeometryError};
+use crate::geometry::Geometry;
 use crate::inspect::Inspection;
 use crate::output::frames::check_distinct;
 use crate::output::sidecar::Sidecar;
 use crate::output::{self, OutputError};
-use crate::particles::ParticleSystem;
+use crate::particles::{self, ParticleSystem};
+use crate::pipeline::assemble::{in_render, load_lights, load_textures, smoke_heat};
 use crate::pipeline::fingerprint::InputHash;
 use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write_part, write_picture};
-use crate::pipeline::heat::Heat;
 use crate::pipeline::keeper::Keeper;
 use crate::pipeline::mask_files::SceneFiles;
-use crate::pipeline::smoke::{FrameSmoke, SmokeSource};
+use crate::pipeline::smoke::SmokeSource;
+use crate::pipeline::studio::Studio;
 use crate::pipeline::volumes::VolumeSources;
 use crate::progress::{Progress, Silent, Stage};
-use crate::render::film::{Film, PathCounts, PixelBounds};
-use crate::render::layers::Layer;
+use crate::render::film::{Film, PixelBounds};
 use crate::render::ledger::Ledger;
-use crate::render::material::Material;
-use crate::render::media::Media;
-use crate::render::medium::Medium;
-use crate::render::motion::FrameMotion;
-use crate::render::picture::Picture;
-use crate::render::sun_shadow;
-use crate::render::tiles::View;
-use crate::render::world::World;
-use crate::render::{self, RenderError, TextureStore, tiles};
+use crate::render::tiles::{self, View};
+use crate::render::{self, sun_shadow};
 use crate::scene::pattern::Pattern;
 use crate::scene::{Scene, footprint, settings};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// What to render.
@@ -132,13 +127,26 @@ struct Shot<'a> {
     fingerprint: String,
 }
 
-/// Makes a picture and writes its files; the studio is built for the first that is made, so that a run with nothing to do ends at
-/// once.
+/// Whoever takes pictures, with all that is kept from one to the next.
+trait Photographer {
+    /// Fills the ledger; how many paths a pixel has at most.
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        frame: i32,
+        ledger: &Ledger,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<u32, Error>;
+}
+
+/// Makes a picture and writes its files.
 fn make(
     shot: &Shot,
     job: &RenderJob,
     files: &OutputFiles,
-    studio: &mut Option<Studio>,
+    photographer: &mut dyn Photographer,
     progress: &dyn Progress,
 ) -> Result<FrameOutcome, Error> {
     let scene = shot.scene;
@@ -156,10 +164,6 @@ fn make(
         spp: scene.settings.film.spp,
         ..Sidecar::default()
     };
-    let studio = match studio {
-        Some(studio) => studio,
-        none => none.insert(Studio::build(scene, progress, &mut record)?),
-    };
     check_camera(scene, &[shot.frame])?;
     let view = render::build_view(scene, shot.frame, job.crop);
     let keeper = Keeper::new(scene, &view, files, job, &record, progress);
@@ -168,7 +172,7 @@ fn make(
     let samples = job.samples.map(|[first, last]| first - 1..last);
     let watcher = |ledger: &Ledger| keeper.look(ledger);
     let ledger = Ledger::new(samples, done, Some(&watcher));
-    match studio.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
+    match photographer.take_picture(scene, &view, shot.frame, &ledger, progress, &mut record) {
         Ok(spp) => record.spp = spp,
         Err(error) => {
             if error.is_cancelled() {
@@ -217,13 +221,9 @@ pub fn film(scene: &Scene, frame: i32, crop: Option<PixelBounds>, progress: &dyn
     let mut record = Sidecar::default();
     let view = render::build_view(scene, frame, crop);
     let ledger = Ledger::new(None, Vec::new(), None);
-    let mut studio = Studio::build(scene, progress, &mut record)?;
-    let spp = studio.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
+    let spp = None::<Studio>.take_picture(scene, &view, frame, &ledger, progress, &mut record)?;
     Ok(tiles::canvas(&view).film(spp, &ledger.tiles()))
 }
-
-/// Share of light lost with paths that are cut above which people are told.
-const TRUNCATED_LIGHT_NOTED: f64 = 1e-3;
 
 /// The flow of a scene made ready to be looked at, at a frame.
 ///
@@ -245,12 +245,12 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
     let geometry = Geometry::build_without_distances(scene)?;
     let mut warnings = geometry.warnings.clone();
     warnings.extend(geometry.camera_warning(scene));
+    warnings.extend(particles::wall_warnings(scene, &geometry));
     let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
     let frames: Vec<i32> = (first..=last).collect();
     check_camera(scene, &frames)?;
     check_lights(scene, &frames)?;
-    render::build_lights(scene, 0.0, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_render(scene, e))?;
+    load_lights(scene, 0.0)?;
     load_textures(scene)?;
     // For the files of masks, which scenes have whose smoke is not made of particles.
     let flow = build_flow(scene, &geometry)?;
@@ -279,111 +279,6 @@ pub fn check(scene: &Scene) -> Result<Vec<String>, Error> {
 /// Share of particles born inside obstacles above which people are told.
 const BORN_INSIDE_NOTED: f64 = 0.5;
 
-/// What stays the same from frame to frame.
-struct Studio {
-    geometry: Geometry,
-    /// Of a scene in which no shape and no light moves; each frame brings its materials.
-    world: Option<World>,
-    textures: TextureStore,
-    smoke: SmokeSource,
-    volumes: VolumeSources,
-}
-
-impl Studio {
-    fn build(scene: &Scene, progress: &dyn Progress, record: &mut Sidecar) -> Result<Self, Error> {
-        let start = Instant::now();
-        let geometry = build_geometry(scene, progress)?;
-        geometry.camera_warning(scene).iter().for_each(|warning| progress.note(warning));
-        let mut textures = load_textures(scene)?;
-        let world = if geometry.moves() || scene.settings.lights.iter().any(settings::Light::varies) {
-            None
-        } else {
-            // Whether a shape shines the same everywhere, and so is a light, does not change with time.
-            let materials = render::build_materials(scene, &geometry, &mut textures, 0.0);
-            Some(build_world(scene, &geometry, materials, 0.0)?)
-        };
-        let smoke = SmokeSource::build(scene, &geometry)?;
-        let volumes = VolumeSources::build(scene, &geometry)?;
-        record.add_time(Stage::Geometry, start.elapsed());
-        Ok(Self { geometry, world, textures, smoke, volumes })
-    }
-
-    /// Fills the ledger; how many paths a pixel has at most.
-    fn take_picture(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        frame: i32,
-        ledger: &Ledger,
-        progress: &dyn Progress,
-        record: &mut Sidecar,
-    ) -> Result<u32, Error> {
-        let grid = self.smoke.grid(scene, frame, smoke_heat(scene), progress, record)?;
-        let start = Instant::now();
-        let medium = grid.map(|smoke| build_medium(scene, frame, smoke)).transpose()?.flatten();
-        record.add_time(Stage::Grid, start.elapsed());
-        let volumes = self.volumes.at_frame(scene, &self.geometry, frame, progress, record)?;
-        let media = Media::new(medium.as_ref(), &volumes);
-        let moved;
-        let time = time_of(scene, frame);
-        let shutter = shutter_of(scene, &self.geometry, time);
-        let world = match &mut self.world {
-            Some(world) => {
-                world.materials = render::build_materials(scene, &self.geometry, &mut self.textures, time);
-                world
-            }
-            None => {
-                let geometry = self.geometry.at_shutter(&shutter);
-                let materials = render::build_materials(scene, &geometry, &mut self.textures, time);
-                let build = || build_world(scene, &geometry, materials, time);
-                moved = timed(progress, Stage::Geometry, record, 0, build)?;
-                &moved
-            }
-        };
-        let mut view = view.clone();
-        render::take_time(&mut view, scene, shutter);
-        let paths = ledger.samples.as_ref().map_or(view.spp as usize, ExactSizeIterator::len);
-        let most = view.bounds.area() as u64 * paths as u64;
-        let motion =
-            view.layers.contains(&Layer::Motion).then(|| frame_motion(scene, &self.geometry, &self.smoke, time));
-        let resumed: u64 = ledger.tiles().iter().flatten().map(|tile| tile.counts.traced).sum();
-        let spp = timed(progress, Stage::Render, record, most, || {
-            tiles::render_to(ledger, &view, world, media, motion.as_ref(), progress)
-        })?;
-        let mut paths = PathCounts::default();
-        ledger.tiles().iter().flatten().for_each(|tile| paths.add(&tile.counts));
-        let seconds = record.seconds.get(Stage::Render.name()).copied().unwrap_or_default();
-        let traced = paths.traced.max(1) as f64;
-        record.samples_per_second = (paths.traced - resumed) as f64 / seconds.max(1e-9);
-        record.truncated_paths = paths.truncated as f64 / traced;
-        record.truncated_light = paths.truncated_throughput / traced;
-        if record.truncated_light > TRUNCATED_LIGHT_NOTED {
-            progress.note(&format!(
-                "frame {frame}: paths cut at render.max_bounces = {} still carried {:.2} % of the light; raise it for an \
-                 unbiased picture",
-                view.limits.max_bounces,
-                100.0 * record.truncated_light
-            ));
-        }
-        Ok(spp)
-    }
-}
-
-/// How shapes move while the shutter of a frame is open.
-fn shutter_of(scene: &Scene, geometry: &Geometry, time: f64) -> Shutter {
-    let frames = &scene.settings.frames;
-    geometry.shutter(time, frames.shutter.map(|share| time + share / frames.fps))
-}
-
-/// How all things move from the frame at `time` [s] to the next.
-fn frame_motion<'a>(scene: &Scene, geometry: &'a Geometry, smoke: &'a SmokeSource, time: f64) -> FrameMotion<'a> {
-    let seconds = scene.settings.frames.fps.recip();
-    let course = render::camera_course(scene);
-    let mut motion = FrameMotion::new(geometry, smoke.flow().map(|flow| flow.span(time, seconds)), time, seconds);
-    motion.next_camera = if course.varies() { course.at(time + seconds).ok() } else { None };
-    motion
-}
-
 /// Makes sure that a camera that moves looks somewhere at frames.
 fn check_camera(scene: &Scene, frames: &[i32]) -> Result<(), Error> {
     let count = if render::camera_course(scene).varies() { frames.len() } else { frames.len().min(1) };
@@ -405,64 +300,9 @@ fn check_lights(scene: &Scene, frames: &[i32]) -> Result<(), Error> {
     })
 }
 
-/// The smoke of a frame as light sees it.
-fn build_medium(scene: &Scene, frame: i32, smoke: FrameSmoke) -> Result<Option<Medium>, Error> {
-    let build = || {
-        let mut medium = render::build_medium(scene, smoke.density)?;
-        if let (Some(medium), Some(glow)) = (&mut medium, smoke.glow) {
-            render::kindle(medium, glow, smoke.is_unbound)?;
-        }
-        let detail = scene.settings.smoke.as_ref().and_then(|smoke| smoke.detail);
-        if let (Some(medium), Some(detail)) = (&mut medium, detail) {
-            render::add_detail(medium, &detail, time_of(scene, frame))?;
-        }
-        Ok(medium)
-    };
-    build().map_err(|e: RenderError| {
-        let key = match e {
-            RenderError::TooHot { .. } if smoke_heat(scene).is_some() => "smoke.blackbody",
-            RenderError::TooHot { .. } => "smoke.file.emission_gain",
-            RenderError::TooDenseForDetail { .. } => "smoke.detail",
-            _ => "smoke.medium.extinction",
-        };
-        in_scene(scene, key, Some(frame), e)
-    })
-}
-
-/// What the smoke of a scene gives off because it is hot.
-fn smoke_heat(scene: &Scene) -> Option<Heat> {
-    scene.settings.smoke.as_ref().and_then(|smoke| Heat::new(smoke.blackbody, &smoke.medium))
-}
-
 /// Time of a frame [s].
 fn time_of(scene: &Scene, frame: i32) -> f64 {
     scene.settings.frames.time(f64::from(frame))
-}
-
-fn build_world(scene: &Scene, geometry: &Geometry, materials: Vec<Material>, time: f64) -> Result<World, Error> {
-    let load = |path: &Path| load_picture(path, memory_limit(scene)).map_err(Into::into);
-    render::build_world_at(scene, geometry, materials, time, &load).map_err(|e| in_render(scene, e))
-}
-
-fn load_textures(scene: &Scene) -> Result<TextureStore, Error> {
-    TextureStore::load(scene, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_render(scene, e))
-}
-
-/// An error of surfaces and lights, with its place in the scene where a light or a texture is at fault.
-fn in_render(scene: &Scene, error: RenderError) -> Error {
-    match error {
-        RenderError::Texture { ref key, .. } => {
-            let key = key.clone();
-            in_scene(scene, &key, None, error)
-        }
-        RenderError::Light { light_idx, .. } => {
-            let is_picture = matches!(scene.settings.lights.get(light_idx), Some(settings::Light::Environment(_)));
-            let part = if is_picture { ".environment.file" } else { "" };
-            in_scene(scene, &format!("lights[{light_idx}]{part}"), None, error)
-        }
-        _ => error.into(),
-    }
 }
 
 fn build_flow(scene: &Scene, geometry: &Geometry) -> Result<Flow, Error> {
@@ -481,13 +321,6 @@ fn in_scene(scene: &Scene, key: &str, frame: Option<i32>, error: impl Into<Error
     Error::InScene { place: Box::new(scene.place(key)), frame, source: Box::new(error) }
 }
 
-/// Builds the shapes, which say themselves when the stage begins and ends.
-fn build_geometry(scene: &Scene, progress: &dyn Progress) -> Result<Geometry, GeometryError> {
-    let geometry = Geometry::build(scene, progress)?;
-    geometry.warnings.iter().for_each(|warning| progress.note(warning));
-    Ok(geometry)
-}
-
 fn parse_pattern(text: &str) -> Result<Pattern, Error> {
     Pattern::parse(text).map_err(|e| Error::Pattern(text.into(), e))
 }
@@ -504,17 +337,6 @@ fn grid_memory_limit(scene: &Scene, particle_count: usize) -> u64 {
     let grids = usize::from(settings.smoke.is_some()) + settings.volumes.len();
     let others = footprint::film_bytes(settings) + particle_count as f64 * footprint::particle_bytes(&settings.frames);
     memory_limit(scene).saturating_sub(others as u64 + (suns * grids) as u64 * sun_shadow::BYTES_MAX)
-}
-
-fn load_picture(path: &Path, memory_limit: u64) -> Result<Picture, OutputError> {
-    let image = output::read_image(path, memory_limit)?;
-    let rgb = image.to_rgb("").ok_or_else(|| OutputError::Invalid {
-        path: path.into(),
-        format: "picture",
-        problem: "it has no channels R, G and B".into(),
-    })?;
-    let [width, height] = image.data_size.map(|n| n as usize);
-    Ok(Picture { width, height, pixels: rgb.into_iter().map(glam::Vec3::from).collect() })
 }
 
 /// Runs one stage with its progress and notes its time.

@@ -276,7 +276,7 @@ fn skies(rest: bool) -> Vec<Light> {
 fn all_pixels_of_a_furnace_of_sampled_sky_are_white() {
     let Stage { scene, world } = stage(&format!("{FURNACE}\nlights: [{{environment: {{radiance: [1, 1, 1]}}}}]"));
     // Two pictures that add up to 1 everywhere, also between their pixels.
-    let world = World::new(world.surfaces, world.materials, skies(true), WorldPoint::default());
+    let world = World::new(world.surfaces, world.materials, skies(true));
     let stage = Stage { scene, world };
     let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
     check_pixels("furnace of sampled sky", &picture_of(&stage, &stage.world, Some(&medium)), |_| 1.0);
@@ -294,7 +294,7 @@ shapes:
 lights: [{environment: {radiance: [1, 1, 1]}}]
 ",
     );
-    let world = World::new(world.surfaces, world.materials, skies(false), WorldPoint::default());
+    let world = World::new(world.surfaces, world.materials, skies(false));
     let stage = Stage { scene, world };
     let Light::Environment(sky) = &stage.world.lights[0] else { panic!("a sky") };
     // The midpoint rule over cosine and longitude, fine enough for the tent of the bright pixel.
@@ -555,11 +555,63 @@ lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{envir
             let part = picture(2, Some(crop));
             for y in crop.y0..crop.y1 {
                 for x in crop.x0..crop.x1 {
-                    let of_whole = whole.pixels[(y * 32 + x) as usize];
-                    let of_part = part.pixels[((y - crop.y0) * crop.width() + x - crop.x0) as usize];
+                    let of_whole = whole.pixels[whole.bounds.index(x, y)];
+                    let of_part = part.pixels[crop.index(x, y)];
                     assert_eq!(of_whole, of_part, "({x}, {y}) of {crop:?}");
                 }
             }
+        }
+    }
+}
+
+/// The frame keeps its bits whatever is rendered beside it, and what is beside it does not depend on how much of it is rendered.
+#[test]
+fn overscan_leaves_the_frame_as_it_is() {
+    use curlsmoke::render::adaptive::Adaptive;
+    use curlsmoke::render::film::{Film, PixelBounds};
+    use curlsmoke::render::tiles::View;
+    let projections = ["perspective", "lat_long", "{orthographic: {height: 3}}"];
+    for (projection, lens) in projections.iter().flat_map(|p| ["", ", lens: {radius: 0.1}"].map(|lens| (p, lens))) {
+        let lens = if *projection == "lat_long" { "" } else { lens };
+        let picture = |overscan: &str, crop: Option<PixelBounds>, adaptive: Option<Adaptive>| -> Film {
+            let text = format!(
+                "version: 1
+camera: {{position: [0, 0.2, 3], look_at: [0.3, 0, 0], projection: {projection}{lens}}}
+film: {{resolution: [20, 12], spp: 8{overscan}}}
+shapes:
+  ball: {{sphere: {{center: [0.4, 0, 0], radius: 0.9}}}}
+smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], grid: {{voxel_size: 1}}, medium: {{extinction: 10}}}}
+lights: [{{sun: {{direction: [0.3, -1, -0.4], irradiance: [2, 2, 2]}}}}, {{environment: {{radiance: [1, 1, 1]}}}}]
+output: {{image: o.exr, aovs: [depth, normal, variance, samples, motion]}}
+"
+            );
+            let stage = stage(&text);
+            let medium = medium(&stage, centered_grid([16, 16, 16], 0.1, lumps));
+            let view = View { adaptive, ..render::build_view(&stage.scene, 1, crop) };
+            render::tiles::render(&view, &stage.world, Some(&medium), &Silent).expect("renders")
+        };
+        for adaptive in [None, Some(Adaptive { noise: 0.1, min_spp: 4 })] {
+            let frame = picture("", None, adaptive);
+            let more = picture(", overscan: [7, 2, 3, 1]", None, adaptive);
+            assert_eq!(more.bounds, PixelBounds { x0: -7, y0: -3, x1: 22, y1: 13 });
+            let channels: usize = more.layers.iter().map(|layer| layer.channel_count()).sum();
+            let agree = |part: &Film| {
+                let b = part.bounds;
+                for (x, y) in (b.y0..b.y1).flat_map(|y| (b.x0..b.x1).map(move |x| (x, y))) {
+                    let (own, of_more) = (b.index(x, y), more.bounds.index(x, y));
+                    assert_eq!(part.pixels[own], more.pixels[of_more], "{projection} {adaptive:?} ({x}, {y})");
+                    let data = |film: &Film, i: usize| -> Vec<u32> {
+                        film.layer_data[i * channels..(i + 1) * channels].iter().map(|x| x.to_bits()).collect()
+                    };
+                    assert_eq!(data(part, own), data(&more, of_more), "{projection} {adaptive:?} ({x}, {y})");
+                }
+            };
+            agree(&frame);
+            let corner = PixelBounds { x0: -7, y0: -3, x1: 5, y1: 2 };
+            agree(&picture(", overscan: [7, 2, 3, 1]", Some(corner), adaptive));
+            // Nothing beside it is a copy.
+            let pixel = |x, y| more.pixels[more.bounds.index(x, y)];
+            assert!((-3..13).any(|y| pixel(-1, y) != pixel(0, y)) && (-3..13).any(|y| pixel(-1, y) != pixel(19, y)));
         }
     }
 }

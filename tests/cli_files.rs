@@ -405,3 +405,40 @@ fn layers_go_to_parts_or_files_of_their_own() {
     contains(&err, &["output.compression", "layer `depth`", "multipart"]);
     render("e", &["--set", "output.compression=dwaa", "--set", "output.layout=multipart"]);
 }
+
+#[test]
+fn walls_that_turn_too_far_in_a_step_are_told_of() {
+    let turning = |degrees: u32| {
+        let keys = format!(
+            "{{interpolation: linear, 1: {{axis: [0, 1, 0], angle: 0}}, 3: {{axis: [0, 1, 0], angle: {degrees}}}}}"
+        );
+        SMOKE.replace(
+            "left: {sphere: {center: [-0.65, 0.5, 0], radius: 0.3}}",
+            &format!(
+                "left: {{box: {{center: [-0.65, 0.5, 0], size: [0.5, 0.5, 0.5]}}, transform: {{rotate_deg: {keys}}}}}"
+            ),
+        )
+    };
+    let folder = Folder::new();
+    folder.write("smoke.yaml", &turning(1000));
+    // Half a thousand degrees a frame are 2.8 half turns.
+    let told = ["smoke.yaml:6:", "`left` turns by 500°", "frame 2", "`smoke.advect.substeps` to 3 or more"];
+    for command in [&["check"][..], &["render", "--frames", "1", "--spp", "1"], &["bake", "--frames", "1"]] {
+        let [verb, more @ ..] = command else { unreachable!() };
+        let [_, err] = folder.expect(0, &[&[*verb, "smoke.yaml"], more].concat());
+        contains(&err, &told);
+    }
+    let [_, err] = folder.expect(0, &["check", "smoke.yaml", "--set", "smoke.advect.substeps=3"]);
+    assert!(!err.contains("turns"), "{err}");
+    let [_, err] = folder.expect(0, &["check", "smoke.yaml", "--set", "smoke.advect.substeps=2"]);
+    contains(&err, &["`left` turns by 250°"]);
+    for (degrees, is_told) in [(350, false), (360, true)] {
+        folder.write("smoke.yaml", &turning(degrees));
+        let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);
+        assert_eq!(err.contains("turns"), is_told, "{degrees}: {err}");
+    }
+    // What is no wall drags nothing.
+    folder.write("smoke.yaml", &turning(1000).replace("[left, right]", "[right]"));
+    let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);
+    assert!(!err.contains("turns"), "{err}");
+}

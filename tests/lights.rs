@@ -112,7 +112,7 @@ shapes:
         assert!(matches!(asked.world.lights[..], [Light::Surface(_)]), "{name}");
         let mut met = scene(&sections, 1.5, "phase: {henyey_greenstein: {g: 0.4}}");
         let world = met.world;
-        met.world = render::world::World::new(world.surfaces, world.materials, Vec::new(), WorldPoint::default());
+        met.world = render::world::World::new(world.surfaces, world.materials, Vec::new());
         let medium = medium(&asked, lumps);
         let beam = |_| ray([0.2, 0.4, 5.0], [0.0, -0.1, -1.0]);
         let (a, b) =

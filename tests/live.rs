@@ -98,8 +98,9 @@ fn bits(film: &Film) -> Vec<u32> {
         let [mean, variance] = [p.mean, p.variance].map(|rgb| rgb.to_array());
         mean.into_iter().chain(variance).chain([p.alpha])
     });
-    let size = [film.spp, film.bounds.x0, film.bounds.y0, film.bounds.x1, film.bounds.y1];
-    size.into_iter().chain(pixels.chain(film.layer_data.iter().copied()).map(f32::to_bits)).collect()
+    let b = film.bounds;
+    let size = [film.spp].into_iter().chain([b.x0, b.y0, b.x1, b.y1].map(i32::cast_unsigned));
+    size.chain(pixels.chain(film.layer_data.iter().copied()).map(f32::to_bits)).collect()
 }
 
 fn changed(old: &str, new: &str) -> String {

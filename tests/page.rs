@@ -5,7 +5,8 @@ mod http;
 #[path = "support/program.rs"]
 mod program;
 
-use curlsmoke::output::view::View;
+use curlsmoke::output::View;
+use curlsmoke::output::view::on_screen;
 use http::request;
 use program::{Folder, SMOKE};
 use serde_json::{Value, json};
@@ -197,7 +198,7 @@ fn save(folder: &Folder, text: &str) {
 
 #[track_caller]
 fn assert_close(shown: [i64; 3], light: [f32; 3], view: View) {
-    let expected = view.apply(light).map(|x| (x * 255.0).round() as i64);
+    let expected = on_screen(view, light).map(|x| (x * 255.0).round() as i64);
     assert!(shown.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 1), "{shown:?} instead of {expected:?}");
 }
 

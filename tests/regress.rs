@@ -122,32 +122,3 @@ fn faults_of_a_suite_are_named_with_their_places() {
     let [out, _] = folder.expect(0, &["schema", "--suite"]);
     contains(&out, &["should_fail", "at_most"]);
 }
-
-/// The guide's suites and commands, in its order.
-#[test]
-fn the_commands_of_the_guide_work() {
-    let folder = Folder::new();
-    let guide = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/regression.md")).unwrap();
-    let program = std::path::Path::new(env!("CARGO_BIN_EXE_curlsmoke")).parent().unwrap();
-    let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
-    let mut commands = 0;
-    for block in guide.split("```").skip(1).step_by(2) {
-        let (kind, text) = block.split_once('\n').unwrap();
-        match kind.split_once(' ') {
-            Some(("yaml", name)) => folder.write(name, text),
-            _ if kind == "sh" => {
-                for line in text.lines() {
-                    let mut shell = std::process::Command::new("sh");
-                    let run =
-                        shell.arg("-c").arg(line).current_dir(folder.0.path()).env("PATH", &path).output().unwrap();
-                    let said =
-                        format!("{}{}", String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr));
-                    assert!(run.status.success(), "{line}\n{said}");
-                    commands += 1;
-                }
-            }
-            _ => panic!("a block of `{kind}`"),
-        }
-    }
-    assert!(commands >= 4 && folder.files("out/report") == ["index.html"], "{commands} commands were run");
-}

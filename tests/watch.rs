@@ -197,7 +197,7 @@ fn frames_crops_and_pixels_over_the_wire() {
     desk.until(|status| status.frame == 3 && status.activity == "done");
     let (picture, old, new) = (desk.picture(), fresh(&scene, 2), fresh(&scene, 3));
     for (i, pixel) in picture.data.chunks(8).enumerate() {
-        let is_inside = PixelBounds { x0: 3, y0: 2, x1: 9, y1: 7 }.contains(i as u32 % 24, i as u32 / 24);
+        let is_inside = PixelBounds { x0: 3, y0: 2, x1: 9, y1: 7 }.contains(i as i32 % 24, i as i32 / 24);
         assert_eq!(pixel, &(if is_inside { &new } else { &old })[8 * i..8 * i + 8], "pixel {i}");
     }
     request(desk.port, "POST", "/crop", &[], "");

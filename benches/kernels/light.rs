@@ -140,7 +140,7 @@ fn world() -> World {
         Light::Environment(Environment::constant(Vec3::splat(0.5), true)),
     ];
     let surfaces = SceneBuilder::new().commit().expect("Embree; run ./bootstrap.sh");
-    World::new(surfaces, Vec::new(), lights, WorldPoint::default())
+    World::new(surfaces, Vec::new(), lights)
 }
 
 fn trace(world: &World, medium: &Medium, sun_shadows: &SunShadows, rays: &[Ray], max_bounces: u32) -> PathCounts {
@@ -148,7 +148,7 @@ fn trace(world: &World, medium: &Medium, sun_shadows: &SunShadows, rays: &[Ray],
     let integrator = Integrator { world, media: Some(medium).into(), sun_shadows, limits, moment: Default::default() };
     let mut counts = PathCounts::default();
     for (i, ray) in rays.iter().enumerate() {
-        let mut sampler = Sampler::new(Seed(1), i as u32, 0, 0);
+        let mut sampler = Sampler::new(Seed(1), i as i32, 0, 0);
         black_box(integrator.trace(*ray, &mut sampler, &mut counts));
     }
     counts
@@ -184,6 +184,7 @@ pub fn picture() -> Workload {
         camera: Camera::try_new(eye, WorldPoint::default(), Vec3::Y, projection, None, RESOLUTION).expect("apart"),
         shutter: None,
         resolution: RESOLUTION,
+        canvas: PixelBounds::whole(RESOLUTION),
         bounds: PixelBounds::whole(RESOLUTION),
         spp: SPP,
         adaptive: None,

@@ -9,9 +9,9 @@ mod solids;
 mod surfaces;
 mod warps;
 
+use curlsmoke::output::View;
 use curlsmoke::output::file::write_atomic;
 use curlsmoke::output::png;
-use curlsmoke::output::view::View;
 use std::path::{Path, PathBuf};
 
 /// What is written: text, and pictures beside it.

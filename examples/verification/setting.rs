@@ -34,7 +34,7 @@ smoke: {{emitters: [{{point: {{position: [0, 0, 0]}}, count: 1, lifetime: 1}}], 
 /// A scene with these lights instead of its own.
 pub fn with_lights(stage: Stage, lights: Vec<Light>) -> Stage {
     let Stage { scene, world } = stage;
-    Stage { scene, world: World::new(world.surfaces, world.materials, lights, WorldPoint::default()) }
+    Stage { scene, world: World::new(world.surfaces, world.materials, lights) }
 }
 
 /// A grid as the smoke of the scene.

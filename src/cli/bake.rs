@@ -1,6 +1,6 @@
 //! `curlsmoke bake`.
 
-use crate::cli::args::BakeArguments;
+use crate::cli::args::FrameArguments;
 use crate::cli::frames::{frames, listed, load_scene, start_threads};
 use crate::cli::print_result;
 use crate::cli::progress::{Reporter, count};
@@ -8,6 +8,71 @@ use crate::cli::render::conclude;
 use crate::cli::signals::Signals;
 use crate::error::Error;
 use crate::pipeline::{self, BakeJob};
+use crate::scene::settings::{VelocityUnits, VolumeGrid};
+use clap::{Args, ValueEnum};
+
+/// Flags of `bake`.
+#[derive(Debug, Args)]
+pub struct BakeArguments {
+    /// Flags shared with `render`.
+    #[command(flatten)]
+    pub common: FrameArguments,
+    /// File names, with #### for the frame, instead of output.volume
+    #[arg(short, long, value_name = "PATTERN")]
+    pub output: Option<String>,
+    /// Half precision: half the size, what is beyond ±65504 is cut
+    #[arg(long)]
+    pub half: bool,
+    /// Grids beside the density, several with commas, instead of output.volume_grids; with velocity the density is that of one
+    /// instant
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "GRIDS")]
+    pub grids: Option<Vec<GridName>>,
+    /// Unit of the velocities: metres a second or a frame [default: output.velocity_units]
+    #[arg(long, value_enum, value_name = "UNIT")]
+    pub velocity_units: Option<UnitName>,
+    /// Write the particles too, as PLY: place, velocity, age, lifetime, mass, radius; #### is the frame
+    #[arg(long, value_name = "PATTERN")]
+    pub particles: Option<String>,
+    /// Write the obstacles too, as a level set [m] on the voxels of the density; with #### of each frame, else of the first
+    #[arg(long, value_name = "PATTERN")]
+    pub obstacles: Option<String>,
+}
+
+/// A grid beside the density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GridName {
+    /// Velocities, named v
+    Velocity,
+    /// Temperatures [K], named temperature, of smoke with smoke.blackbody
+    Temperature,
+}
+
+impl From<GridName> for VolumeGrid {
+    fn from(name: GridName) -> Self {
+        match name {
+            GridName::Velocity => Self::Velocity,
+            GridName::Temperature => Self::Temperature,
+        }
+    }
+}
+
+/// Unit of velocities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UnitName {
+    /// Metres a second
+    Second,
+    /// Metres a frame
+    Frame,
+}
+
+impl From<UnitName> for VelocityUnits {
+    fn from(name: UnitName) -> Self {
+        match name {
+            UnitName::Second => Self::Second,
+            UnitName::Frame => Self::Frame,
+        }
+    }
+}
 
 /// Writes densities; the exit code.
 pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {

@@ -1,13 +1,46 @@
 //! `curlsmoke check` and `curlsmoke schema`.
 
-use crate::cli::args::{CheckArguments, Format, SchemaArguments};
+use crate::cli::render::size_text;
+use crate::cli::values::Override;
 use crate::cli::{log, print_result};
 use crate::error::Error;
 use crate::pipeline;
 use crate::scene::suite::suite_schema_json;
 use crate::scene::{Scene, SceneError, schema_json};
+use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Flags of `check`.
+#[derive(Debug, Args)]
+pub struct CheckArguments {
+    /// The scene files (YAML)
+    #[arg(required = true)]
+    pub scenes: Vec<PathBuf>,
+    /// Change a setting of the scenes, as in --set film.spp=16
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<Override>,
+    /// How to print problems
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub format: Format,
+}
+
+/// How to print problems.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people, with the line of the scene
+    Text,
+    /// For programs, on standard output
+    Json,
+}
+
+/// Flags of `schema`.
+#[derive(Debug, Args)]
+pub struct SchemaArguments {
+    /// That of the suites of `regress` instead
+    #[arg(long)]
+    pub suite: bool,
+}
 
 /// Checks all scenes; the exit code of the first that has errors.
 pub(super) fn run(arguments: &CheckArguments) -> Result<u8, Error> {
@@ -43,12 +76,12 @@ fn print_text(path: &Path, scene: &Result<Scene, SceneError>, inputs: &Inputs) -
             scene.warnings.iter().for_each(|warning| log(&format!("{warning}\n")));
             warnings.iter().for_each(|warning| log(warning));
             let (frames, film) = (&scene.settings.frames, &scene.settings.film);
-            let [width, height] = film.resolution;
             print_result(&format!(
-                "{}: ok, frames {} to {}, {width} × {height} pixels, {} samples per pixel",
+                "{}: ok, frames {} to {}, {}, {} samples per pixel",
                 path.display(),
                 frames.first,
                 frames.last,
+                size_text(film),
                 film.spp
             ))?;
         }

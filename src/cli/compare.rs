@@ -1,13 +1,68 @@
 //! `curlsmoke compare`.
 
-use crate::cli::args::{CompareArguments, CompareMode};
+use crate::cli::values::Memory;
 use crate::cli::{DIFFERENT, log, print_result};
 use crate::error::Error;
 use crate::output::agreement::StatisticalSettings;
 use crate::output::compare::{Measure, Mode, compare};
 use crate::output::flip::FlipSettings;
 use crate::output::{heat_map, read_image};
+use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
+
+/// Flags of `compare`.
+#[derive(Debug, Args)]
+pub struct CompareArguments {
+    /// The picture (.exr, .hdr, .png)
+    pub image: PathBuf,
+    /// What it should look like
+    pub reference: PathBuf,
+    /// What counts as a difference
+    #[arg(short, long, value_enum, default_value_t = CompareMode::Exact)]
+    pub mode: CompareMode,
+    /// Largest allowed difference for mse, relmse, max and flip; smallest allowed ratio
+    /// [dB] for psnr
+    #[arg(short, long, value_name = "NUMBER", allow_hyphen_values = true, verbatim_doc_comment)]
+    pub threshold: Option<f64>,
+    /// Probability of a false alarm of --mode stat, 0 to 1
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.01)]
+    pub alpha: f64,
+    /// Share of pixels that must agree in --mode stat [percent]
+    #[arg(long, value_name = "PERCENT", default_value_t = 99.75)]
+    pub pixels: f64,
+    /// Variance of the reference's mean. Without it: X.var.exr beside X.mean.exr, or
+    /// the `variance` layers of the pictures
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
+    pub variance: Option<PathBuf>,
+    /// Look with --mode flip at what a screen shows, not at light
+    #[arg(long)]
+    pub ldr: bool,
+    /// Write how bad each pixel is, to .exr (numbers) or .png (colours); repeatable
+    #[arg(long, value_name = "FILE")]
+    pub heat_map: Vec<PathBuf>,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// What counts as a difference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CompareMode {
+    /// Any bit of any pixel
+    Exact,
+    /// What noise does not explain: tests against mean and variance
+    Stat,
+    /// Mean squared error
+    Mse,
+    /// Mean squared error relative to the reference
+    Relmse,
+    /// Peak signal-to-noise ratio [dB]
+    Psnr,
+    /// Largest difference of any pixel
+    Max,
+    /// What an observer sees who flips between the pictures: the mean of FLIP, 0 to 1
+    Flip,
+}
 
 /// Compares; 0 when the pictures agree, else [`DIFFERENT`].
 pub(super) fn run(arguments: &CompareArguments) -> Result<u8, Error> {

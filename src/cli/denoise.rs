@@ -1,15 +1,41 @@
 //! `curlsmoke denoise`.
 
-use crate::cli::args::DenoiseArguments;
+use crate::cli::values::Memory;
 use crate::cli::{log, print_result};
 use crate::error::Error;
+use crate::output::View;
 use crate::output::denoise::{self, DenoiseSettings};
 use crate::output::exr::{self, Compression};
 use crate::output::file::{check_writable, write_atomic};
 use crate::output::oidn::Denoiser;
 use crate::output::png;
-use crate::output::view::View;
-use std::path::Path;
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// Flags of `denoise`.
+#[derive(Debug, Args)]
+pub struct DenoiseArguments {
+    /// The picture (.exr), best with layers of albedo and normal (output.aovs)
+    pub image: PathBuf,
+    /// The picture with a layer more: all channels of the first, and denoised.R, .G, .B
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Also a .png of the denoised colours
+    #[arg(long, value_name = "FILE")]
+    pub preview: Option<PathBuf>,
+    /// Make R, G and B the denoised ones; those that were rendered become noisy.R, .G, .B
+    #[arg(long)]
+    pub replace: bool,
+    /// Denoise albedo and normal first: for few paths a pixel, blur of motion or lens
+    #[arg(long)]
+    pub prefilter: bool,
+    /// Threads [default: one for each processor]
+    #[arg(short = 'j', long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
 
 /// Denoises; the exit code.
 pub(super) fn run(arguments: &DenoiseArguments) -> Result<u8, Error> {
@@ -36,7 +62,8 @@ pub(super) fn run(arguments: &DenoiseArguments) -> Result<u8, Error> {
     if let Some(preview) = &arguments.preview {
         let layer = if arguments.replace { "" } else { denoise::DENOISED };
         let rgb = out.to_rgb(layer).ok_or_else(|| Error::Internal("the denoised layer is missing".into()))?;
-        write_atomic(preview, &png::encode(&rgb, out.data_size, View::Standard, 0.0)?)?;
+        let (size, rgb) = out.shown(&rgb);
+        write_atomic(preview, &png::encode(&rgb, size, View::Standard, 0.0)?)?;
     }
     if !guides.albedo || !guides.normal {
         log("warning: edges are kept best with layers of albedo and normal: `output: {aovs: [albedo, normal]}`");

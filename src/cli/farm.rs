@@ -1,14 +1,45 @@
 //! `curlsmoke farm`: jobs for render farms, printed as text that needs no more than a look.
 
-use crate::cli::args::{FarmArguments, FarmVerb};
 use crate::cli::frames::{list_of, listed};
+use crate::cli::values::Override;
 use crate::cli::{print_result, warn_about};
 use crate::error::Error;
 use crate::scene::pattern::{Pattern, Piece, spell};
 use crate::scene::{Scene, settings};
+use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Farms.
+#[derive(Debug, Subcommand)]
+pub enum FarmVerb {
+    /// Print a template of Open Job Description, in YAML
+    #[command(after_help = "Example: curlsmoke farm openjd scenes/plume.yaml --chunk 8 --bake > plume.openjd.yaml")]
+    Openjd(FarmArguments),
+    /// Print a script for Slurm's sbatch
+    #[command(after_help = "Example: curlsmoke farm slurm scenes/plume.yaml --chunk 8 > plume.sbatch")]
+    Slurm(FarmArguments),
+}
+
+/// Flags of `farm`.
+#[derive(Debug, Args)]
+pub struct FarmArguments {
+    /// The scene file (YAML)
+    pub scene: PathBuf,
+    /// Frames to make: 1-96, 1-96x2 (every second), 1,3,7-9 [default: those of the scene]
+    #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
+    pub frames: Option<String>,
+    /// Frames that a task makes one after the other
+    #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub chunk: u32,
+    /// Bake the density to .vdb files (output.volume) first, and render from those
+    #[arg(long)]
+    pub bake: bool,
+    /// Change a setting of the scene, as in --set film.spp=64
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<Override>,
+}
 
 /// Prints a job; the exit code.
 pub(super) fn run(verb: &FarmVerb) -> Result<u8, Error> {

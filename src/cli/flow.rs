@@ -1,7 +1,9 @@
 //! `curlsmoke flow slice`.
 
-use crate::cli::args::{FlowVerb, InspectArguments, PlaneArguments, SliceArguments, SliceQuantity};
+use crate::cli::args::InspectArguments;
 use crate::cli::frames::{frames, listed, load_scene, start_threads};
+use crate::cli::places::{Extent, Plane};
+use crate::cli::values::Resolution;
 use crate::cli::{log, print_result};
 use crate::error::Error;
 use crate::inspect::plane::{Rectangle, choose};
@@ -13,11 +15,83 @@ use crate::output::file::{check_writable, write_atomic};
 use crate::output::image::{Attribute, Image, SampleKind};
 use crate::pipeline;
 use crate::scene::Scene;
+use clap::{Args, Subcommand, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Pixels of a slice where nothing else is said.
 const RESOLUTION: [u32; 2] = [640, 360];
+
+/// Ways to look at a flow.
+#[derive(Debug, Subcommand)]
+pub enum FlowVerb {
+    /// Draw the flow on a plane, and write its numbers as an .exr file
+    #[command(
+        after_help = "Example: curlsmoke flow slice scenes/plume.yaml --plane z=0 --quantity lic,divergence -o out/flow"
+    )]
+    Slice(SliceArguments),
+}
+
+/// Flags that choose a rectangle in space.
+#[derive(Debug, Args)]
+pub struct PlaneArguments {
+    /// Where the plane is: x=0.5, y=1 or z=0, or a point on it and the normal that
+    /// faces the viewer, PX,PY,PZ,NX,NY,NZ [default: upright through
+    /// camera.look_at, facing the camera]
+    #[arg(long, value_name = "PLANE", allow_hyphen_values = true, verbatim_doc_comment)]
+    pub plane: Option<Plane>,
+    /// Width and height [m], as in 3.2x1.8 [default: what the camera sees there]
+    #[arg(long, value_name = "SIZE")]
+    pub size: Option<Extent>,
+}
+
+/// Flags of `flow slice`.
+#[derive(Debug, Args)]
+pub struct SliceArguments {
+    /// Flags shared by verbs that look at one frame.
+    #[command(flatten)]
+    pub common: InspectArguments,
+    /// Where to write: OUT.exr with the numbers, and OUT.png, or OUT.QUANTITY.png for
+    /// several quantities
+    #[arg(short, long, value_name = "OUT", verbatim_doc_comment)]
+    pub output: PathBuf,
+    /// Which part of space to look at.
+    #[command(flatten)]
+    pub plane: PlaneArguments,
+    /// Width and height in pixels [default: 640x360, or 640 wide and as high as --size]
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// What to draw; several with commas
+    #[arg(short, long, value_enum, value_delimiter = ',', default_value = "lic")]
+    pub quantity: Vec<SliceQuantity>,
+}
+
+/// What a picture of a slice shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SliceQuantity {
+    /// Speed by colour
+    Speed,
+    /// Divergence by colour: how far the flow is from preserving volume
+    Divergence,
+    /// Distance to obstacles, with contour lines
+    Distance,
+    /// Contour lines of the stream function, exact where the flow is planar
+    Stream,
+    /// Directions as brush strokes (line integral convolution), speed by colour
+    Lic,
+}
+
+impl From<SliceQuantity> for Quantity {
+    fn from(quantity: SliceQuantity) -> Self {
+        match quantity {
+            SliceQuantity::Speed => Self::Speed,
+            SliceQuantity::Divergence => Self::Divergence,
+            SliceQuantity::Distance => Self::Distance,
+            SliceQuantity::Stream => Self::Stream,
+            SliceQuantity::Lic => Self::Lic,
+        }
+    }
+}
 
 /// Looks at the flow; the exit code.
 pub(super) fn run(verb: &FlowVerb) -> Result<u8, Error> {

@@ -1,11 +1,32 @@
 //! `curlsmoke inspect`.
 
-use crate::cli::args::InspectImageArguments;
 use crate::cli::print_result;
+use crate::cli::values::{Memory, PixelPlace};
 use crate::error::Error;
 use crate::output::image::{Attribute, Image};
 use crate::output::read_image;
 use crate::output::survey::survey;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Flags of `inspect`.
+#[derive(Debug, Args)]
+pub struct InspectImageArguments {
+    /// The picture (.exr, .hdr, .png)
+    pub image: PathBuf,
+    /// Print all channels of this pixel, from the top left
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub pixel: Option<PixelPlace>,
+    /// Print the least, largest and mean number of each channel, and count what should not be there
+    #[arg(long)]
+    pub stats: bool,
+    /// Print the names of all channels and what is known of the picture; also without any flag
+    #[arg(long)]
+    pub layers: bool,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
 
 /// Prints what a picture holds.
 pub(super) fn run(arguments: &InspectImageArguments) -> Result<u8, Error> {

@@ -1,7 +1,7 @@
 //! The command line: one file for each verb, and what they share. Standard output is for results, standard error for
 //! everything else.
 
-pub mod args;
+mod args;
 mod bake;
 mod check;
 mod compare;
@@ -22,8 +22,10 @@ mod signals;
 mod streamlines;
 mod turntable;
 mod values;
+mod vary;
 mod warp;
 mod watch;
+mod wedge;
 
 use crate::cli::args::{Arguments, Verb};
 use crate::error::Error;
@@ -60,6 +62,7 @@ pub fn run() -> u8 {
         Verb::Farm(verb) => farm::run(&verb),
         Verb::Watch(arguments) => watch::run(&arguments),
         Verb::Turntable(arguments) => turntable::run(arguments),
+        Verb::Wedge(arguments) => wedge::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Schema(arguments) => check::schema(&arguments),
         Verb::Bake(arguments) => bake::run(&arguments),

@@ -5,6 +5,7 @@ use crate::cli::values::PixelPlace;
 use crate::error::Error;
 use crate::pipeline;
 use crate::progress::Progress;
+use crate::render;
 use crate::render::film::{Film, PixelBounds};
 use crate::scene::Scene;
 
@@ -14,12 +15,12 @@ pub const LAYERS: &str = "[depth, position, shape_id, normal, albedo, motion, va
 
 /// Renders one pixel of each frame and prints what it holds; writes nothing.
 pub(super) fn run(scene: &Scene, frames: &[i32], pixel: PixelPlace, progress: &dyn Progress) -> Result<(), Error> {
-    let [width, height] = scene.settings.film.resolution;
-    let place = pixel.0.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-    let [x, y] = place;
-    if x >= width || y >= height {
-        let [x, y] = pixel.0;
-        return Err(Error::Usage(format!("--pixel {x},{y}: the picture has {width} × {height} pixels, from 0,0")));
+    let [x, y] = pixel.0;
+    let canvas = render::canvas(&scene.settings.film);
+    if !canvas.contains(x, y) {
+        let (width, height) = (canvas.width(), canvas.height());
+        let from = format!("{},{}", canvas.x0, canvas.y0);
+        return Err(Error::Usage(format!("--pixel {x},{y}: the picture has {width} × {height} pixels, from {from}")));
     }
     let crop = PixelBounds { x0: x, y0: y, x1: x + 1, y1: y + 1 };
     for &frame in frames {

@@ -1,8 +1,8 @@
 //! `curlsmoke points`.
 
-use crate::cli::args::{PointsArguments, PointsMethod};
 use crate::cli::print_result;
 use crate::cli::progress::count as spelled;
+use crate::cli::values::Memory;
 use crate::error::Error;
 use crate::inspect::point_file::PointFormat;
 use crate::inspect::{InspectError, point_plot};
@@ -15,6 +15,7 @@ use crate::points::poisson::poisson_disks;
 use crate::points::sobol::sobol;
 use crate::points::{PointSet, lattice};
 use crate::scene::pattern::Pattern;
+use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -23,6 +24,70 @@ const PLOT: [u32; 2] = [640, 400];
 /// How far the plot goes [mean distances between points], and its bins.
 const REACH: f64 = 3.0;
 const BINS: usize = 150;
+
+/// Flags of `points`.
+#[derive(Debug, Args)]
+pub struct PointsArguments {
+    /// Dimensions of the cube
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u8).range(2..=7))]
+    pub dim: u8,
+    /// How points are chosen
+    #[arg(long, value_enum, default_value_t = PointsMethod::Curl)]
+    pub method: PointsMethod,
+    /// Lattice points along each axis; methods without a lattice make as many in all
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub per_axis: u32,
+    /// Where to write: .csv, .npy or .ply, with #### for the frame of --frames
+    #[arg(short, long, value_name = "FILE")]
+    pub output: String,
+    /// Draw the radial distribution function (of the last frame), to a .png file
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+    /// Which of many sets
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// curl: size of the noise in lattice spacings [default: the best by measurement]
+    #[arg(long, value_name = "SPACINGS")]
+    pub length: Option<f64>,
+    /// curl: how far points move, in mean distances to the neighbours on the lattice, at
+    /// the root mean square of the noise's gradients [default: the best by measurement]
+    #[arg(long, value_name = "DISTANCES", allow_negative_numbers = true, verbatim_doc_comment)]
+    pub step: Option<f64>,
+    /// curl: keep points in a ball of this radius in the middle of the cube (edges of
+    /// the cube); only those that begin in it are made
+    #[arg(long, value_name = "RADIUS", verbatim_doc_comment)]
+    pub ball: Option<f64>,
+    /// curl: how deep below the wall of the ball noise is free [default: 0.8 of its radius]
+    #[arg(long, value_name = "DEPTH", requires = "ball")]
+    pub fade: Option<f64>,
+    /// curl: frames of an animation, each to a file of its own
+    #[arg(short, long, value_name = "LIST", allow_hyphen_values = true)]
+    pub frames: Option<String>,
+    /// curl: how far the noise moves from frame to frame, in lattice spacings
+    #[arg(long, value_name = "SPACINGS", default_value_t = 0.005, requires = "frames", allow_negative_numbers = true)]
+    pub speed: f64,
+    /// poisson: least distance between points [default: one lattice spacing]
+    #[arg(long, value_name = "DISTANCE")]
+    pub radius: Option<f64>,
+    /// Refuse what needs more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// How points of a cube are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PointsMethod {
+    /// A lattice moved along divergence-free vector noise
+    Curl,
+    /// A lattice, each point anywhere in its cell
+    Jitter,
+    /// At random, but none closer to another than a radius
+    Poisson,
+    /// The sequence of Sobol', scrambled; the nearest power of two of points
+    Sobol,
+    /// A lattice as it is
+    Lattice,
+}
 
 /// Makes points; the exit code.
 pub(super) fn run(arguments: &PointsArguments) -> Result<u8, Error> {

@@ -1,10 +1,10 @@
 //! `curlsmoke regress`.
 
-use crate::cli::args::RegressArguments;
 use crate::cli::frames::start_threads;
-use crate::cli::progress::Reporter;
+use crate::cli::progress::{Reporter, Style};
 use crate::cli::render::conclude;
 use crate::cli::signals::Signals;
+use crate::cli::values::Memory;
 use crate::cli::{DIFFERENT, log, print_result, warn_about};
 use crate::error::Error;
 use crate::output::exr::{self, Compression};
@@ -14,10 +14,46 @@ use crate::regress::html::HtmlReport;
 use crate::regress::junit::JunitReport;
 use crate::regress::{self, CaseResult, RegressJob, reference, selected};
 use crate::scene::suite::Suite;
+use clap::Args;
 use std::path::PathBuf;
 
 /// The page of a report.
 const PAGE: &str = "index.html";
+
+/// Flags of `regress`.
+#[derive(Debug, Args)]
+pub struct RegressArguments {
+    /// The suite file (YAML)
+    pub suite: PathBuf,
+    /// Cases to run [default: all]; several with commas
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Make the references anew instead of comparing
+    #[arg(long, conflicts_with_all = ["report", "junit"])]
+    pub update: bool,
+    /// Why the pictures should change, which references and their log keep
+    #[arg(long, value_name = "TEXT", requires = "update")]
+    pub reason: Option<String>,
+    /// Write a page with all pictures and figures to this folder, and the pictures of
+    /// cases that fail
+    #[arg(long, value_name = "FOLDER", verbatim_doc_comment)]
+    pub report: Option<PathBuf>,
+    /// Write the verdicts as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Run the commands of cases that have one, by the shell
+    #[arg(long)]
+    pub run_commands: bool,
+    /// Threads [default: one for each processor]; results never depend on it
+    #[arg(short = 'j', long, value_name = "COUNT")]
+    pub threads: Option<usize>,
+    /// How to show progress on standard error
+    #[arg(long, value_enum, default_value_t = Style::None)]
+    pub progress: Style,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
 
 /// Runs a suite, or remakes its references; 0 when all cases pass, else [`DIFFERENT`].
 pub(super) fn run(arguments: &RegressArguments) -> Result<u8, Error> {

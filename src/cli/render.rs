@@ -1,10 +1,11 @@
 //! `curlsmoke render`.
 
-use crate::cli::args::{RenderArguments, WatchArguments};
+use crate::cli::args::FrameArguments;
 use crate::cli::frames::{flags, frames, listed, load_scene, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
-use crate::cli::values::Samples;
+use crate::cli::values::{self, Crop, PixelPlace, Resolution, Samples};
+use crate::cli::watch::WatchArguments;
 use crate::cli::{STOPPED, command_line, log, pixel, print_result, report};
 use crate::error::Error;
 use crate::output::file::check_writable;
@@ -12,17 +13,75 @@ use crate::output::frames::check_distinct;
 use crate::output::movie;
 use crate::pipeline::{self, FrameOutcome, RenderJob};
 use crate::progress::Progress;
+use crate::render;
+use crate::render::film::PixelBounds;
 use crate::scene::Scene;
 use crate::scene::pattern::{Pattern, spell};
+use crate::scene::settings::Film;
+use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// Flags of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArguments {
+    /// Flags shared with `bake`.
+    #[command(flatten)]
+    pub common: FrameArguments,
+    /// Paths traced through each pixel, instead of film.spp
+    #[arg(long, value_name = "COUNT")]
+    pub spp: Option<u32>,
+
+    /// Trace through each pixel only until its noise is below this, instead of film.noise_target: 0.02 is clean, 0.1 grainy
+    #[arg(long, value_name = "SHARE")]
+    pub noise_target: Option<f64>,
+
+    /// Trace light no longer than this many seconds a frame, instead of film.time_limit
+    #[arg(long, value_name = "SECONDS", conflicts_with = "noise_target")]
+    pub time_limit: Option<f64>,
+    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// File names of the pictures (.exr), with #### for the frame, instead of
+    /// output.image; previews go beside them
+    #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
+    pub output: Option<String>,
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left of the frame, negative in
+    /// overscan, or in percent of the frame
+    #[arg(long, value_name = "EDGES", allow_hyphen_values = true, verbatim_doc_comment)]
+    pub crop: Option<Crop>,
+    /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output", "samples", "missing", "movie"])]
+    pub pixel: Option<PixelPlace>,
+    /// Trace these paths of each pixel only, counted from 1, as in 1-64, to a .part file
+    /// beside the picture; `curlsmoke merge` joins such parts
+    #[arg(long, value_name = "FIRST-LAST", conflicts_with_all = ["noise_target", "time_limit", "movie"], verbatim_doc_comment)]
+    pub samples: Option<Samples>,
+    /// Leave frames alone that are finished and made from this very scene, and go on
+    /// from checkpoints
+    #[arg(long, verbatim_doc_comment)]
+    pub resume: bool,
+    /// How often to write a checkpoint of an unfinished frame beside the picture [s], for
+    /// --resume to go on from; a signal that ends the run writes one too. 0: never
+    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = values::seconds_or_none, verbatim_doc_comment)]
+    pub checkpoint_every: f64,
+    /// Print the frames that are not finished, or were made from another scene, as a list
+    /// for --frames, and make nothing
+    #[arg(long, conflicts_with_all = ["dry_run", "resume"], verbatim_doc_comment)]
+    pub missing: bool,
+    /// Print what would be made, files and all, and make nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Afterwards make a movie of all previews, with the system's ffmpeg: .mp4, .mov, .mkv or .webm
+    #[arg(long, value_name = "FILE")]
+    pub movie: Option<PathBuf>,
+}
 
 /// Renders; the exit code.
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     let scene = scene_of(arguments, listed(arguments.common.frames.as_deref())?.as_deref())?;
     let frames = frames(&arguments.common, &scene)?;
-    let resolution = scene.settings.film.resolution;
-    let crop = arguments.crop.map(|crop| crop.bounds(resolution)).transpose().map_err(Error::Usage)?;
+    let crop = arguments.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
     let names = Names::of(&scene)?;
     let samples = arguments.samples.map(|samples| samples_of(samples, &scene)).transpose()?;
     let movie = arguments.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &frames)).transpose()?;
@@ -139,6 +198,14 @@ pub(super) fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Er
 
 /// The scene with the flags of `render` applied, to make some of its frames, or all where `None`.
 pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> Result<Scene, Error> {
+    load_scene(&arguments.common, overrides_of(arguments, frames)?, frames)
+}
+
+/// What the flags of `render` alone set.
+pub(super) fn overrides_of(
+    arguments: &RenderArguments,
+    frames: Option<&[i32]>,
+) -> Result<Vec<(String, String)>, Error> {
     let mut overrides = Vec::new();
     if let Some(noise) = arguments.noise_target {
         overrides.push(("film.noise_target".to_string(), noise.to_string()));
@@ -151,9 +218,7 @@ pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> R
     }
     if let Some(resolution) = arguments.resolution {
         // A share needs to know of what. Errors of the scene come out here as well as below.
-        let own = Scene::load_for(&arguments.common.scene, &[], frames)?.settings.film.resolution;
-        let [width, height] = resolution.pixels(own);
-        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+        overrides.extend(resized(&Scene::load_for(&arguments.common.scene, &[], frames)?, resolution));
     }
     if arguments.pixel.is_some() {
         overrides.push(("output.aovs".to_string(), pixel::LAYERS.into()));
@@ -169,7 +234,7 @@ pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> R
             overrides.push(("output.preview".to_string(), quoted(&format!("{preview}.png"))));
         }
     }
-    load_scene(&arguments.common, overrides, frames)
+    Ok(overrides)
 }
 
 /// The scene with the flags of `watch` applied. Its warnings are for the caller to tell, who reads it many times.
@@ -180,12 +245,27 @@ pub(super) fn scene_of_watch(arguments: &WatchArguments) -> Result<Scene, Error>
         overrides.push(("film.spp".to_string(), spp.to_string()));
     }
     if let Some(resolution) = arguments.resolution {
-        let own = Scene::load(&common.scene)?.settings.film.resolution;
-        let [width, height] = resolution.pixels(own);
-        overrides.push(("film.resolution".to_string(), format!("[{width}, {height}]")));
+        overrides.extend(resized(&Scene::load(&common.scene)?, resolution));
     }
     overrides.extend(set_by_hand(&common));
     Ok(Scene::load_with(&common.scene, &overrides)?)
+}
+
+/// What to set for pictures of another size. A share is one of the overscan too: the picture shows the same.
+fn resized(scene: &Scene, resolution: Resolution) -> Vec<(String, String)> {
+    let film = &scene.settings.film;
+    let mut settings = vec![("film.resolution".to_string(), format!("{:?}", resolution.pixels(film.resolution)))];
+    if let (Resolution::Share(share), false) = (resolution, film.overscan.is_none()) {
+        let sides = film.overscan.sides().map(|pixels| (f64::from(pixels) * share).round() as u32);
+        settings.push(("film.overscan".to_string(), format!("{sides:?}")));
+    }
+    settings
+}
+
+/// The pixels of a crop in the pictures of a scene.
+pub(super) fn crop_of(crop: Crop, scene: &Scene) -> Result<PixelBounds, Error> {
+    let film = &scene.settings.film;
+    crop.bounds(film.resolution, render::canvas(film)).map_err(Error::Usage)
 }
 
 /// Names of the pictures of a scene.
@@ -203,7 +283,7 @@ impl Names {
         Ok(Self { image: parse(&output.image)?, preview, scene: scene.name().into() })
     }
 
-    fn image(&self, frame: i32) -> PathBuf {
+    pub(super) fn image(&self, frame: i32) -> PathBuf {
         self.image.expand(frame, &self.scene).into()
     }
 
@@ -221,17 +301,30 @@ impl Names {
     }
 }
 
+/// The size of pictures, with their overscan.
+pub(super) fn size_text(film: &Film) -> String {
+    let [width, height] = film.resolution;
+    match film.overscan.is_none() {
+        true => format!("{width} × {height} pixels"),
+        false => {
+            let [all_wide, all_high] = film.size();
+            format!("{width} × {height} pixels ({all_wide} × {all_high} with overscan)")
+        }
+    }
+}
+
 /// Prints what would be made.
 pub(super) fn describe(scene: &Scene, frames: &[i32], names: &Names) -> Result<(), Error> {
     check_distinct(frames, |frame| names.image(frame))?;
     let film = &scene.settings.film;
-    let [width, height] = film.resolution;
+    let [width, height] = film.size();
     let samples = f64::from(width) * f64::from(height) * f64::from(film.spp) * frames.len() as f64;
     print_result(&format!(
-        "{} frame{}: {}\n{width} × {height} pixels, {} samples per pixel, {} camera samples in all\nseed {}",
+        "{} frame{}: {}\n{}, {} samples per pixel, {} camera samples in all\nseed {}",
         frames.len(),
         if frames.len() == 1 { "" } else { "s" },
         spell(frames),
+        size_text(film),
         film.spp,
         count(samples),
         scene.settings.render.seed

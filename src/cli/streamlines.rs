@@ -1,9 +1,11 @@
 //! `curlsmoke streamlines`.
 
-use crate::cli::args::{SeedPlace, StreamlinesArguments};
-use crate::cli::flow::{open, rectangle};
+use crate::cli::args::InspectArguments;
+use crate::cli::flow::{PlaneArguments, open, rectangle};
+use crate::cli::places::{self, Length};
 use crate::cli::print_result;
 use crate::cli::progress::count as spelled;
+use crate::cli::values::Resolution;
 use crate::error::Error;
 use crate::inspect::line_file::LineFormat;
 use crate::inspect::plane::jittered;
@@ -12,12 +14,59 @@ use crate::inspect::{InspectError, Inspection, line_picture};
 use crate::output::extension;
 use crate::output::file::{check_writable, write_atomic};
 use crate::scene::Scene;
+use clap::{Args, ValueEnum};
 use glam::DVec3;
+use std::path::PathBuf;
 
 /// Pixels of a preview where nothing else is said.
 const RESOLUTION: [u32; 2] = [960, 540];
 /// Steps of a frame where nothing else is said: a step is then a hundredth of a second, and some millimetres of smoke.
 const STEPS_PER_FRAME: f64 = 4.0;
+
+/// Flags of `streamlines`.
+#[derive(Debug, Args)]
+pub struct StreamlinesArguments {
+    /// Flags shared by verbs that look at one frame.
+    #[command(flatten)]
+    pub common: InspectArguments,
+    /// Where to write the lines: .obj, or .ply with speed and time at each vertex
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Draw the lines from the scene's camera, to a .png file
+    #[arg(long, value_name = "FILE")]
+    pub preview: Option<PathBuf>,
+    /// Width and height of the preview in pixels [default: 960x540]
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// Let time go on along the lines, as for particles, instead of holding it still
+    #[arg(long)]
+    pub pathlines: bool,
+    /// Where lines begin
+    #[arg(long, value_enum, default_value_t = SeedPlace::Emitters)]
+    pub seeds: SeedPlace,
+    /// How many lines; on a plane about as many
+    #[arg(short = 'n', long, value_name = "COUNT", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
+    pub count: u32,
+    /// How long lines are, in seconds as in 2s or in metres as in 1.5m [default: the
+    /// height that the camera sees at camera.look_at]
+    #[arg(long, value_name = "LENGTH", verbatim_doc_comment)]
+    pub length: Option<Length>,
+    /// Longest step [s] [default: a quarter of a frame]
+    #[arg(long, value_name = "SECONDS", value_parser = places::seconds)]
+    pub step: Option<f64>,
+    /// Where the plane of --seeds plane is.
+    #[command(flatten)]
+    pub plane: PlaneArguments,
+}
+
+/// Where lines begin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SeedPlace {
+    /// All over the emitters of the scene
+    Emitters,
+    /// All over a plane, one line in each field of a grid
+    Plane,
+}
 
 /// Traces lines; the exit code.
 pub(super) fn run(arguments: &StreamlinesArguments) -> Result<u8, Error> {

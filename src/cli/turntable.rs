@@ -1,9 +1,10 @@
 //! `curlsmoke turntable`.
 
-use crate::cli::args::TurntableArguments;
 use crate::cli::frames::start_threads;
 use crate::cli::progress::Reporter;
-use crate::cli::render::{Movie, Names, checkpoint_of, conclude, describe, samples_of, scene_of};
+use crate::cli::render::{
+    Movie, Names, RenderArguments, checkpoint_of, conclude, crop_of, describe, samples_of, scene_of,
+};
 use crate::cli::signals::Signals;
 use crate::cli::{command_line, log, print_result};
 use crate::error::Error;
@@ -11,11 +12,24 @@ use crate::output::frames;
 use crate::pipeline::turntable::turntable;
 use crate::pipeline::{FrameOutcome, RenderJob};
 use crate::progress::Progress;
+use clap::Args;
 
 /// Views unless others are listed.
 const VIEWS: &str = "1-48";
 /// Names of pictures, which must not take the place of frames.
 const IMAGE: &str = "out/{scene}.turn.####.exr";
+
+/// Flags of `turntable`.
+#[derive(Debug, Args)]
+pub struct TurntableArguments {
+    /// Flags shared with `render`; --frames lists the views, 1-48 unless it says otherwise, of which the
+    /// least to the one after the largest are a turn.
+    #[command(flatten)]
+    pub render: RenderArguments,
+    /// The frame of the scene to look at [default: its first]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    pub at: Option<i32>,
+}
 
 /// Renders a frame from all round; the exit code.
 pub(super) fn run(mut arguments: TurntableArguments) -> Result<u8, Error> {
@@ -36,7 +50,7 @@ pub(super) fn run(mut arguments: TurntableArguments) -> Result<u8, Error> {
     if !(first..=last).contains(&frame) {
         return Err(Error::Usage(format!("--at {frame}: the scene has frames {first} to {last}")));
     }
-    let crop = render.crop.map(|crop| crop.bounds(scene.settings.film.resolution)).transpose().map_err(Error::Usage)?;
+    let crop = render.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
     let names = Names::of(&scene)?;
     let movie = render.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &list.frames)).transpose()?;
     if render.dry_run {

@@ -44,7 +44,7 @@ pub struct Crop([Edge; 4]);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Edge {
-    Pixels(u32),
+    Pixels(i32),
     Share(f64),
 }
 
@@ -66,22 +66,24 @@ impl FromStr for Crop {
 }
 
 impl Crop {
-    /// The pixels of it in a picture of this size.
+    /// The pixels of it in a frame of this size, whose picture has those of `canvas`.
     ///
     /// # Errors
     /// A sentence, when there are none or the crop reaches beyond the picture.
-    pub fn bounds(self, size: [u32; 2]) -> Result<PixelBounds, String> {
+    pub fn bounds(self, size: [u32; 2], canvas: PixelBounds) -> Result<PixelBounds, String> {
         let edge = |i: usize| match self.0[i] {
             Edge::Pixels(n) => n,
-            Edge::Share(share) => (f64::from(size[i % 2]) * share).round() as u32,
+            Edge::Share(share) => (f64::from(size[i % 2]) * share).round() as i32,
         };
         let bounds = PixelBounds { x0: edge(0), y0: edge(1), x1: edge(2), y1: edge(3) };
-        let [width, height] = size;
-        if bounds.x0 >= bounds.x1 || bounds.y0 >= bounds.y1 || bounds.x1 > width || bounds.y1 > height {
+        if bounds.common(&canvas) != Some(bounds) {
+            let [width, height] = size;
+            let PixelBounds { x0, y0, x1, y1 } = bounds;
+            let and_overscan = if canvas == PixelBounds::whole(size) { "" } else { " with its overscan" };
             return Err(format!(
-                "the crop {},{},{},{} holds no pixels or reaches beyond the picture of {width} × {height}; \
-                 write x0,y0,x1,y1 with x0 < x1 ≤ {width} and y0 < y1 ≤ {height}",
-                bounds.x0, bounds.y0, bounds.x1, bounds.y1
+                "the crop {x0},{y0},{x1},{y1} holds no pixels or reaches beyond the picture of {width} × {height}{and_overscan}; \
+                 write x0,y0,x1,y1 with {} ≤ x0 < x1 ≤ {} and {} ≤ y0 < y1 ≤ {}",
+                canvas.x0, canvas.x1, canvas.y0, canvas.y1
             ));
         }
         Ok(bounds)
@@ -209,11 +211,18 @@ mod tests {
 
     #[test]
     fn crops_in_pixels_and_percent() {
-        let bounds = |text: &str| text.parse::<Crop>().and_then(|crop| crop.bounds([100, 50]));
+        let frame = PixelBounds::whole([100, 50]);
+        let bounds_on = |text: &str, canvas| text.parse::<Crop>().and_then(|crop| crop.bounds([100, 50], canvas));
+        let bounds = |text: &str| bounds_on(text, frame);
         assert_eq!(bounds("10, 20,30,40"), Ok(PixelBounds { x0: 10, y0: 20, x1: 30, y1: 40 }));
         assert_eq!(bounds("25%,0%,75%,100%"), Ok(PixelBounds { x0: 25, y0: 0, x1: 75, y1: 50 }));
         for text in ["", "1,2,3", "1,2,3,4,5", "-1,0,10,10", "10,10,10,20", "0,0,101,50", "0,0,50,51", "0,0,200%,1%"] {
             assert!(bounds(text).is_err(), "{text}");
+        }
+        let canvas = frame.grown([10, 0, 0, 5]);
+        assert_eq!(bounds_on("-10,0,-3,55", canvas), Ok(PixelBounds { x0: -10, y0: 0, x1: -3, y1: 55 }));
+        for text in ["-11,0,10,10", "0,-1,10,10", "0,0,101,50", "0,0,50,56"] {
+            assert!(bounds_on(text, canvas).is_err(), "{text}");
         }
     }
 

@@ -1,16 +1,17 @@
 //! `curlsmoke warp`.
 
-use crate::cli::args::{WarpArguments, WarpIntegrator};
 use crate::cli::print_result;
+use crate::cli::values::Memory;
 use crate::error::Error;
 use crate::flow::reproject::{Integrator, Repetition, Reprojection, Trace};
 use crate::inspect::warp::{Circle, Warp};
 use crate::math::hash::Seed;
+use crate::output::View;
 use crate::output::exr::{self, Compression};
 use crate::output::file::{check_writable, write_atomic};
-use crate::output::png;
-use crate::output::read_image;
-use crate::output::view::View;
+use crate::output::{png, read_image};
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
 
 /// Least size of swirls: smaller ones are no picture.
 const LENGTH_MIN: f64 = 1e-4;
@@ -19,6 +20,66 @@ const DISTANCE_MAX: f64 = 1e4;
 
 /// Least radius of a circle.
 const RADIUS_MIN: f64 = 1e-3;
+
+/// Flags of `warp`.
+#[derive(Debug, Args)]
+pub struct WarpArguments {
+    /// The picture (.exr, .hdr, .png)
+    pub image: PathBuf,
+    /// The warped picture: .exr with all channels, or .png
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Size of the swirls, as a share of the picture's shorter edge
+    #[arg(long, value_name = "SHARE", default_value_t = 0.25)]
+    pub length: f64,
+    /// Length of ways at the root mean square speed, as a share of the shorter edge;
+    /// backwards where negative
+    #[arg(long, value_name = "SHARE", default_value_t = 0.25, allow_negative_numbers = true, verbatim_doc_comment)]
+    pub distance: f64,
+    /// Steps that the way is cut into
+    #[arg(long, value_name = "COUNT", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub steps: u32,
+    /// How each step is taken
+    #[arg(long, value_enum, default_value_t = WarpIntegrator::Rk4)]
+    pub integrator: WarpIntegrator,
+    /// How often a point is put back on its line after each step
+    #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=100))]
+    pub reprojections: u32,
+    /// Which swirls
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub seed: u64,
+    /// Let swirls end at a circle of this radius, as a share of the shorter edge; beyond
+    /// it things only turn about its middle
+    #[arg(long, value_name = "RADIUS", verbatim_doc_comment)]
+    pub circle: Option<f64>,
+    /// Middle of the circle from the top left corner, in shares of the picture's width
+    /// and height
+    #[arg(
+        long,
+        value_name = "X,Y",
+        default_value = "0.5,0.5",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        requires = "circle",
+        verbatim_doc_comment
+    )]
+    pub center: Vec<f64>,
+    /// How deep inside the circle swirls are free [default: 0.8 of its radius]
+    #[arg(long, value_name = "DEPTH", requires = "circle")]
+    pub fade: Option<f64>,
+    /// Refuse pictures that need more memory than this [GiB], as 4, 4G or 512M
+    #[arg(long, value_name = "AMOUNT", default_value = "8")]
+    pub memory_limit: Memory,
+}
+
+/// How a step is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum WarpIntegrator {
+    /// One evaluation
+    Euler,
+    /// Four: classical Runge–Kutta
+    Rk4,
+}
 
 /// Warps; the exit code.
 pub(super) fn run(arguments: &WarpArguments) -> Result<u8, Error> {

@@ -1,15 +1,43 @@
 //! `curlsmoke watch`.
 
-use crate::cli::args::WatchArguments;
+use crate::cli::args::InspectArguments;
 use crate::cli::frames::start_threads;
 use crate::cli::render::scene_of_watch;
 use crate::cli::signals::Signals;
+use crate::cli::values::{Crop, Display, Resolution};
 use crate::cli::{log, print_result};
 use crate::error::Error;
+use crate::render::film::PixelBounds;
 use crate::watch::board::Board;
 use crate::watch::tev::Tev;
 use crate::watch::{Event, Watch, server};
+use clap::Args;
 use std::sync::Arc;
+
+/// Flags of `watch`.
+#[derive(Debug, Args)]
+pub struct WatchArguments {
+    /// Flags shared by verbs that look at one frame.
+    #[command(flatten)]
+    pub common: InspectArguments,
+    /// Show the picture on a page of this machine alone, on this port [default: 7640];
+    /// 0 is any that is free. The page is served without the flag too, unless
+    /// --display is there
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "7640", verbatim_doc_comment)]
+    pub serve: Option<u16>,
+    /// Show the picture in the viewer tev: tev, or tev=HOST:PORT
+    #[arg(long, value_name = "VIEWER")]
+    pub display: Option<Display>,
+    /// Paths traced through each pixel at most, instead of film.spp
+    #[arg(long, value_name = "COUNT")]
+    pub spp: Option<u32>,
+    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
+    #[arg(long, visible_alias = "res", value_name = "SIZE")]
+    pub resolution: Option<Resolution>,
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
+    #[arg(long, value_name = "EDGES")]
+    pub crop: Option<Crop>,
+}
 
 /// Watches until a signal comes; the exit code.
 pub(super) fn run(arguments: &WatchArguments) -> Result<u8, Error> {
@@ -28,7 +56,10 @@ pub(super) fn run(arguments: &WatchArguments) -> Result<u8, Error> {
     let watch = Watch {
         path,
         load: &|| scene_of_watch(arguments),
-        crop: &|size| arguments.crop.map(|crop| crop.bounds(size)).transpose().map_err(Error::Usage),
+        crop: &|size| {
+            let crop = arguments.crop.map(|crop| crop.bounds(size, PixelBounds::whole(size)));
+            crop.transpose().map_err(Error::Usage)
+        },
         board: &board,
         show: &|picture| {
             if let Some(viewer) = &viewer {

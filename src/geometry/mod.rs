@@ -6,6 +6,7 @@ pub mod embree;
 pub mod gltf_file;
 pub mod mesh;
 pub mod mesh_file;
+mod mesh_samples;
 pub mod mesh_sdf;
 pub mod moment;
 pub mod motion;

@@ -107,6 +107,17 @@ fn times(open: [f64; 2]) -> impl Iterator<Item = f64> {
     (0..=SWEEP_SAMPLES).map(move |i| open[0] + (open[1] - open[0]) * f64::from(i) / f64::from(SWEEP_SAMPLES))
 }
 
+impl Moment<'_> {
+    /// Where the point of a hit and its shading normal are at the frame's own time: patterns move with their shape.
+    #[inline]
+    pub fn at_rest(&self, hit: &Hit) -> (WorldPoint, UnitVec3) {
+        match self.of(hit.shape_idx) {
+            None => (hit.position, hit.shading_normal),
+            Some(carried) => carried.at_rest(hit),
+        }
+    }
+}
+
 impl Body {
     fn carried(&self, time: f64) -> Carried {
         let moved = self.to_rest.within(&self.motion.placement(self.pivot, time));
@@ -131,6 +142,11 @@ impl Carried {
     #[inline]
     pub fn direction_back(&self, v: UnitVec3) -> UnitVec3 {
         UnitVec3::new_unchecked((self.rotation.transpose() * v.as_vec3().as_dvec3()).normalize().as_vec3())
+    }
+
+    #[inline(never)]
+    fn at_rest(&self, hit: &Hit) -> (WorldPoint, UnitVec3) {
+        (self.back(hit.position), self.direction_back(hit.shading_normal))
     }
 
     /// A direction of the frame's own world at this moment.

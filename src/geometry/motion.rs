@@ -155,6 +155,15 @@ impl Motion {
         Placement { scale, rotation: pose.rotation, translation }
     }
 
+    /// How far the body turns from `start` to `end` [s], there and back counted; in spaces that turn in each other, at most so
+    /// far [rad]. A [span](Motion::span) takes the shorter way, and so knows no more than half a turn.
+    pub fn turning(&self, start: f64, end: f64) -> f64 {
+        match &self.0 {
+            Course::Poses(keys) => keys.way(start, end, |a, b| a.rotation.angle_between(b.rotation)),
+            Course::Links { links, .. } => links.iter().map(|link| link.turn.way(start, end, Turn::way)).sum(),
+        }
+    }
+
     /// The motion from `start` [s] on for `duration` [s], of a body whose middle rests at `center`. A span without
     /// duration has the velocity at its instant.
     pub fn span(&self, center: DVec3, start: f64, duration: f64) -> RigidSpan {

@@ -3,8 +3,8 @@
 use crate::inspect::glyphs::{ADVANCE, GLYPH_HEIGHT, is_set};
 use crate::inspect::palette::{Rgb, mixed};
 use crate::output::OutputError;
+use crate::output::View;
 use crate::output::png;
-use crate::output::view::View;
 
 /// Pictures narrower than this have no room for a legend [pixels].
 const LEGEND_MIN_WIDTH: u32 = 240;

@@ -2,8 +2,9 @@
 
 use crate::inspect::canvas::Canvas;
 use crate::inspect::glyphs::{ADVANCE, GLYPH_HEIGHT};
+use crate::output::View;
 use crate::output::image::Image;
-use crate::output::view::{View, linear_from_srgb};
+use crate::output::view::{linear_from_srgb, on_screen};
 use thiserror::Error;
 
 /// Most pixels of a sheet.
@@ -15,7 +16,7 @@ const INK: [f32; 3] = [0.6; 3];
 /// A picture as the screen shows it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// What is written below it.
+    /// What is written below it, in lines.
     pub label: String,
     /// Width and height [pixels].
     pub size: [u32; 2],
@@ -56,12 +57,13 @@ impl Cell {
     pub fn new(label: String, image: &Image, view: View, exposure_ev: f64) -> Result<Self, SheetError> {
         let gain = exposure_ev.exp2() as f32;
         let rgb = image.to_rgb("").ok_or(SheetError::NoColour)?;
-        let shown = |c: &[f32; 3]| view.apply(c.map(|x| x * gain)).map(linear_from_srgb);
-        Ok(Self { label, size: image.data_size, pixels: rgb.iter().map(shown).collect() })
+        let shown = |c: &[f32; 3]| on_screen(view, c.map(|x| x * gain)).map(linear_from_srgb);
+        let (size, rgb) = image.shown(&rgb);
+        Ok(Self { label, size, pixels: rgb.iter().map(shown).collect() })
     }
 
-    /// Scaled down to `width` if it is wider: each pixel is the mean of the light on its area.
-    fn narrowed(self, width: u32) -> Self {
+    /// Scaled down to `width` [pixels] if it is wider: each pixel is the mean of the light on its area.
+    pub fn narrowed(self, width: u32) -> Self {
         let [own_width, own_height] = self.size;
         if width >= own_width {
             return self;
@@ -98,16 +100,19 @@ fn weights(from: u32, to: u32) -> Vec<Vec<(u32, f32)>> {
     (0..to).map(of_pixel).collect()
 }
 
-/// Lays pictures out in rows.
+/// Lays pictures out in rows, below the lines of a title.
 ///
 /// # Errors
 /// [`SheetError::Empty`], [`SheetError::TooLarge`].
-pub fn sheet(cells: Vec<Cell>, settings: SheetSettings) -> Result<Canvas, SheetError> {
+pub fn sheet(cells: Vec<Cell>, title: &[String], settings: SheetSettings) -> Result<Canvas, SheetError> {
     let cells: Vec<Cell> = cells.into_iter().map(|cell| cell.narrowed(settings.width.unwrap_or(u32::MAX))).collect();
     let width = cells.iter().map(|cell| cell.size[0]).max().ok_or(SheetError::Empty)?;
     let tallest = cells.iter().map(|cell| cell.size[1]).max().ok_or(SheetError::Empty)?;
-    let dot = (width / 320).max(1);
-    let (gap, strip) = if settings.is_labelled { (8 * dot, (GLYPH_HEIGHT + 8) * dot) } else { (0, 0) };
+    let dot = dot_size(&cells, width);
+    let line = (GLYPH_HEIGHT + 4) * dot;
+    let line_count = cells.iter().map(|cell| cell.label.lines().count() as u32).max().unwrap_or(0);
+    let (gap, strip) = if settings.is_labelled { (8 * dot, line_count * line + 4 * dot) } else { (0, 0) };
+    let head = title.len() as u32 * line + if title.is_empty() { 0 } else { gap };
     let columns =
         settings.columns.unwrap_or_else(|| columns_of_screen(cells.len(), width + gap, tallest + gap + strip));
     let columns = (columns as usize).clamp(1, cells.len());
@@ -115,13 +120,17 @@ pub fn sheet(cells: Vec<Cell>, settings: SheetSettings) -> Result<Canvas, SheetE
         cells.chunks(columns).map(|row| row.iter().map(|cell| cell.size[1]).max().unwrap_or(0)).collect();
     let full = [
         columns as u64 * u64::from(width + gap) + u64::from(gap),
-        heights.iter().map(|&h| u64::from(h + gap + strip)).sum::<u64>() + u64::from(gap),
+        heights.iter().map(|&h| u64::from(h + gap + strip)).sum::<u64>() + u64::from(gap + head),
     ];
     if full[0].saturating_mul(full[1]) > PIXELS_MAX {
         return Err(SheetError::TooLarge(full));
     }
     let mut canvas = Canvas::from_fn(full.map(|n| n as u32), |_| GROUND);
-    let mut top = gap;
+    for (i, words) in title.iter().enumerate() {
+        let words = fitting(words, (canvas.size[0].saturating_sub(2 * gap) / dot / ADVANCE) as usize);
+        canvas.text([gap, gap + i as u32 * line], dot, &words, INK);
+    }
+    let mut top = gap + head;
     for (row, height) in cells.chunks(columns).zip(heights) {
         for (i, cell) in row.iter().enumerate() {
             let left = gap + i as u32 * (width + gap);
@@ -133,13 +142,23 @@ pub fn sheet(cells: Vec<Cell>, settings: SheetSettings) -> Result<Canvas, SheetE
                 canvas.pixels[start..start + line.len()].copy_from_slice(line);
             }
             if settings.is_labelled {
-                let words = fitting(&cell.label, (width / dot / ADVANCE) as usize);
-                canvas.text([left, top + height + 4 * dot], dot, &words, INK);
+                for (i, words) in cell.label.lines().enumerate() {
+                    let words = fitting(words, (width / dot / ADVANCE) as usize);
+                    canvas.text([left, top + height + 4 * dot + i as u32 * line], dot, &words, INK);
+                }
             }
         }
         top += height + gap + strip;
     }
     Ok(canvas)
+}
+
+/// Letters as large as lets every line of the labels fit, within what looks well beside pictures of a width: the size of their
+/// dots [pixels].
+fn dot_size(cells: &[Cell], width: u32) -> u32 {
+    let longest = cells.iter().flat_map(|cell| cell.label.lines()).map(|line| line.chars().count()).max().unwrap_or(0);
+    let fits = width / (ADVANCE * (longest as u32).max(1));
+    fits.clamp((width / 320).max(1), (width / 160).max(1))
 }
 
 /// As many pictures side by side as make a sheet of 16 to 9, or a little wider.
@@ -185,17 +204,37 @@ mod tests {
     fn every_picture_and_label_is_on_the_sheet() {
         let cells = vec![cell("a=1", [40, 20], 0.9), cell("b", [30, 10], 0.8), cell("c", [40, 20], 0.7)];
         let settings = SheetSettings { columns: Some(2), width: None, is_labelled: true };
-        let canvas = sheet(cells.clone(), settings).unwrap();
+        let canvas = sheet(cells.clone(), &[], settings).unwrap();
         let count = |value: f32| canvas.pixels.iter().filter(|p| p[0] == value).count();
         assert_eq!((count(0.9), count(0.8), count(0.7)), (800, 300, 800));
         assert!(count(INK[0]) > 20);
         let bare = SheetSettings { is_labelled: false, columns: None, width: None };
-        let one = sheet(cells[..1].to_vec(), bare).unwrap();
+        let one = sheet(cells[..1].to_vec(), &[], bare).unwrap();
         assert_eq!(one.size, [40, 20]);
-        assert_eq!(sheet(Vec::new(), bare).unwrap_err(), SheetError::Empty);
+        assert_eq!(sheet(Vec::new(), &[], bare).unwrap_err(), SheetError::Empty);
         let large = vec![cell("", [1, 1], 0.0); 3];
         let large = large.into_iter().map(|c| Cell { size: [1 << 16, 1 << 15], ..c }).collect();
-        assert!(matches!(sheet(large, bare), Err(SheetError::TooLarge(_))));
+        assert!(matches!(sheet(large, &[], bare), Err(SheetError::TooLarge(_))));
+    }
+
+    #[test]
+    fn titles_and_further_lines_have_room_of_their_own() {
+        let settings = SheetSettings { columns: Some(1), width: None, is_labelled: true };
+        let of = |label: &str, title: &[String]| sheet(vec![cell(label, [200, 20], 0.9)], title, settings).unwrap();
+        let ink = |canvas: &Canvas| canvas.pixels.iter().filter(|p| **p == INK).count();
+        let one = of("a=1", &[]);
+        let two = of("a=1\na=1", &[]);
+        assert_eq!((ink(&two), two.size[1]), (2 * ink(&one), one.size[1] + GLYPH_HEIGHT + 4));
+        let titled = of("a=1", &["a=1".into()]);
+        assert_eq!(ink(&titled), 2 * ink(&one));
+        assert_eq!(titled.pixels.iter().filter(|p| p[0] == 0.9).count(), 4000);
+    }
+
+    #[test]
+    fn letters_grow_as_long_as_all_fit() {
+        assert_eq!(dot_size(&[cell("a=1", [640, 9], 0.0)], 640), 4);
+        assert_eq!(dot_size(&[cell("a=1", [640, 9], 0.0), cell(&"x".repeat(40), [640, 9], 0.0)], 640), 2);
+        assert_eq!(dot_size(&[cell(&"x".repeat(99), [100, 9], 0.0)], 100), 1);
     }
 
     #[test]

@@ -1,291 +1,248 @@
-//! Sums of numbers in single precision, and of their squares, without any rounding: whole numbers of many digits.
+//! Sums of numbers without any rounding.
 //!
 //! Addition is then associative and commutative to the bit, so that terms may be added in any order and in any number of
-//! parts, on several machines too, and give one result. After Neal 2015, *Fast Exact Summation Using Small and Large
-//! Superaccumulators*: digits are wider than their places, and carries wait.
+//! parts, on several machines too, and give one result. Two numbers of double precision hold most sums exactly (Shewchuk
+//! 1997, *Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric Predicates*, figure 4); what they cannot
+//! hold goes to digits of whole numbers (after Neal 2015, *Fast Exact Summation Using Small and Large Superaccumulators*).
 
-/// Additions after which [`ExactSum::carry`] and [`ExactSquares::carry`] are due: a term is below 2⁵⁵ in its place, whose digit
-/// holds 2⁶³.
-pub const CARRY_AFTER: u32 = 128;
+use std::array::from_fn;
 
-/// Digits that terms reach; a digit more takes what is carried out of them.
-const REACHED: usize = 8;
-/// Exponent of the least number in single precision.
-const LEAST: i32 = -149;
-/// The last digit of a sum with a term that was no number.
-const NOT_FINITE: i64 = i64::MIN;
+/// Several sums, each of numbers in single precision or of squares of such numbers: whole multiples of 2⁻²⁹⁸, and at most 2³²
+/// of them.
+#[derive(Debug, Clone)]
+pub struct ExactSums<const LANES: usize> {
+    /// A sum is that of both, and of its digits. NaN once a term was no number.
+    high: [f64; LANES],
+    low: [f64; LANES],
+    /// What two numbers could not hold.
+    digits: Option<Box<[Digits; LANES]>>,
+}
 
-/// A sum: digits of 32 bits from 2⁻¹⁴⁹ on.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct ExactSum([i64; REACHED + 1]);
+/// Exponent of the least square of a number in single precision.
+const LEAST: i32 = -298;
+/// Digits of a sum: the largest squares end in the 19th.
+const DIGITS: usize = 19;
 
-/// A sum of squares: digits of 64 bits from 2⁻²⁹⁸ on.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct ExactSquares([u128; REACHED + 1]);
+/// A whole multiple of 2⁻²⁹⁸: digits of 32 bits, the last one with the sign and with whatever is above.
+#[derive(Debug, Clone, Copy)]
+struct Digits([i64; DIGITS]);
 
-/// Place, and digits there with their sign apart, of a finite number.
+/// A sum rounded to nearest, and what that leaves: both together are exact.
 #[inline]
-fn split(x: f32) -> (usize, u64) {
-    let bits = x.to_bits();
-    let exponent = (bits >> 23) & 255;
-    let mantissa = (bits & 0x7f_ffff) | u32::from(exponent != 0) << 23;
-    let shift = exponent.max(1) - 1;
-    // At most 253, for 255 is no number; the mask tells the compiler.
-    ((shift >> 5) as usize & (REACHED - 1), u64::from(mantissa) << (shift & 31))
+fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let of_b = sum - a;
+    (sum, (a - (sum - of_b)) + (b - of_b))
 }
 
-/// With the sign of a number, without a branch: signs of some layers are any.
+/// A product rounded to nearest, and what that leaves. Halves of the digits, as not every processor multiplies and adds in one.
 #[inline]
-fn signed(digits: u64, x: f32) -> i64 {
-    let sign = i64::from((x.to_bits() as i32) >> 31);
-    (digits as i64 ^ sign) - sign
+fn two_product(a: f64, b: f64) -> (f64, f64) {
+    let halves = |x: f64| {
+        let shifted = x * f64::from((1 << 27) + 1);
+        let high = shifted - (shifted - x);
+        (high, x - high)
+    };
+    let (product, (a, a_low), (b, b_low)) = (a * b, halves(a), halves(b));
+    (product, ((a * b - product) + a * b_low + a_low * b) + a_low * b_low)
 }
 
-impl ExactSum {
-    /// Adds a number. Infinity and NaN make the sum NaN.
-    #[inline]
-    pub fn add(&mut self, x: f32) {
-        if x.is_finite() {
-            let (place, digits) = split(x);
-            self.0[place] += signed(digits, x);
-        } else {
-            self.0[REACHED] = NOT_FINITE;
-        }
-    }
-
-    /// Brings digits below 2³², once in [`CARRY_AFTER`] additions.
-    pub fn carry(&mut self) {
-        for place in 0..REACHED {
-            let carried = self.0[place] >> 32;
-            self.0[place] &= 0xffff_ffff;
-            // What is no number stays so: it is as far from 0 as can be, and is told by that.
-            self.0[place + 1] = self.0[place + 1].saturating_add(carried);
-        }
-    }
-
-    /// Adds all that another sum has.
-    pub fn merge(&mut self, other: &Self) {
-        if self.is_not_finite() || other.is_not_finite() {
-            *self = Self::default();
-            self.0[REACHED] = NOT_FINITE;
-            return;
-        }
-        self.carry();
-        let mut other = *other;
-        other.carry();
-        self.0.iter_mut().zip(other.0).for_each(|(digit, more)| *digit = digit.saturating_add(more));
-        self.carry();
-    }
-
-    fn is_not_finite(&self) -> bool {
-        // All numbers of a pixel together stay far above.
-        self.0[REACHED] < i64::MIN / 2
-    }
-
-    /// The sum in double precision, rounded the same way however it came about.
-    pub fn to_f64(&self) -> f64 {
-        if self.is_not_finite() {
-            return f64::NAN;
-        }
-        if self.0 == [0; REACHED + 1] {
-            return 0.0;
-        }
-        let mut sum = *self;
-        sum.carry();
-        let places = sum.0.iter().enumerate().rev();
-        places.fold(0.0, |above, (place, &digit)| above + digit as f64 * power_of_two(32 * place as i32 + LEAST))
-    }
-
-    /// Digits of 32 bits in two's complement.
-    fn words(&self) -> [u32; REACHED + 2] {
-        let mut sum = *self;
-        sum.carry();
-        let top = sum.0[REACHED];
-        std::array::from_fn(|i| match i {
-            REACHED => top as u32,
-            i if i > REACHED => (top >> 32) as u32,
-            i => sum.0[i] as u32,
-        })
-    }
-
-    /// Writes the sum at the end of `out`: equal sums give equal bytes.
-    pub fn encode(&self, out: &mut Vec<u8>) {
-        let words = self.words();
-        let start = words.iter().position(|&word| word != 0).unwrap_or(words.len());
-        let mut end = words.len();
-        // A digit that only repeats the sign of the one below it says nothing.
-        while end > start + 1 && words[end - 1] == sign_of(words[end - 2]) {
-            end -= 1;
-        }
-        encode_run(start, end, out, |i, out| out.extend(words[i].to_le_bytes()));
-    }
-
-    /// Reads what [`encode`](Self::encode) has written and leaves `bytes` after it; `None` where it is no sum.
-    pub fn decode(bytes: &mut &[u8]) -> Option<Self> {
-        let mut words = [0u32; REACHED + 2];
-        let (start, end) = decode_run(bytes, words.len())?;
-        for word in &mut words[start..end] {
-            *word = u32::from_le_bytes(take(bytes)?);
-        }
-        if end > start {
-            let sign = sign_of(words[end - 1]);
-            words[end..].fill(sign);
-        }
-        let mut digits = [0i64; REACHED + 1];
-        digits[..REACHED].iter_mut().zip(words).for_each(|(digit, word)| *digit = i64::from(word));
-        digits[REACHED] = i64::from(words[REACHED + 1] as i32) << 32 | i64::from(words[REACHED]);
-        Some(Self(digits))
+impl<const LANES: usize> Default for ExactSums<LANES> {
+    fn default() -> Self {
+        Self { high: [0.0; LANES], low: [0.0; LANES], digits: None }
     }
 }
 
-impl ExactSquares {
-    /// Adds the square of a finite number to these, and the number to `sum`.
+impl<const LANES: usize> ExactSums<LANES> {
+    /// Adds a number to each sum. Infinity and NaN make a sum NaN.
     #[inline]
-    pub fn add_both(&mut self, sum: &mut ExactSum, x: f32) {
-        debug_assert!(x.is_finite(), "only finite numbers have a square here");
-        let (place, digits) = split(x);
-        self.0[place] += u128::from(digits) * u128::from(digits);
-        sum.0[place] += signed(digits, x);
-    }
-
-    /// Brings digits below 2⁶⁴, once in [`CARRY_AFTER`] additions.
-    pub fn carry(&mut self) {
-        for place in 0..REACHED {
-            self.0[place + 1] = self.0[place + 1].saturating_add(self.0[place] >> 64);
-            self.0[place] &= u128::from(u64::MAX);
+    pub fn add(&mut self, x: [f64; LANES]) {
+        let (mut lost, mut any) = ([0.0; LANES], 0);
+        for lane in 0..LANES {
+            let rest;
+            (self.high[lane], rest) = two_sum(self.high[lane], x[lane]);
+            (self.low[lane], lost[lane]) = two_sum(self.low[lane], rest);
+            any |= lost[lane].to_bits();
+        }
+        if any != 0 {
+            self.spill(lost);
         }
     }
 
-    /// Adds all that another sum has.
-    pub fn merge(&mut self, other: &Self) {
-        self.carry();
-        let mut other = *other;
-        other.carry();
-        self.0.iter_mut().zip(other.0).for_each(|(digit, more)| *digit = digit.saturating_add(more));
-        self.carry();
-    }
-
-    /// `count` Σx² − (Σx)² for the numbers of `sum`, of which there are `count`: to nine digits, and exactly 0 where all are
-    /// equal.
-    pub fn spread(&self, sum: &ExactSum, count: u32) -> f64 {
-        let (squares, sum_f64) = (self.to_f64() * f64::from(count), sum.to_f64());
-        let spread = squares - sum_f64 * sum_f64;
-        // Where few digits are left, they are counted exactly.
-        const LEFT: f64 = 1.0 / (1 << 20) as f64;
-        if spread > LEFT * squares { spread } else { self.exact_spread(sum, count) }
-    }
-
-    /// The sum in double precision, rounded the same way however it came about.
-    fn to_f64(self) -> f64 {
-        let mut sum = self;
-        sum.carry();
-        let places = sum.0.iter().enumerate().rev();
-        let value = |(place, &digit): (usize, &u128)| {
-            // A digit but the top one has 64 bits.
-            let value = if place < REACHED { digit as u64 as f64 } else { digit as f64 };
-            value * power_of_two(64 * place as i32 + 2 * LEAST)
-        };
-        places.map(value).fold(0.0, |above, digit| above + digit)
-    }
-
-    /// As [`ExactSquares::spread`], exact until it is rounded once.
+    /// Puts all sums into digits, with what did not fit.
     #[cold]
-    fn exact_spread(&self, sum: &ExactSum, count: u32) -> f64 {
-        // Places of 32 bits from 2⁻²⁹⁸ on; sums of products are wider than their place.
-        let mut places = [0i128; 2 * REACHED + 6];
-        let mut squares = *self;
-        squares.carry();
-        for (place, &digit) in squares.0.iter().enumerate() {
-            let (low, high) = (digit as u64, (digit >> 64) as u64);
-            places[2 * place] += i128::from(low) * i128::from(count);
-            places[2 * place + 2] += i128::from(high) * i128::from(count);
-        }
-        let words = magnitude(sum.words());
-        let used =
-            words.iter().position(|&w| w != 0).unwrap_or(0)..words.iter().rposition(|&w| w != 0).map_or(0, |i| i + 1);
-        for i in used.clone() {
-            for j in used.clone() {
-                places[i + j] -= i128::from(words[i]) * i128::from(words[j]);
+    #[inline(never)]
+    fn spill(&mut self, lost: [f64; LANES]) {
+        let all_digits = self.digits.get_or_insert_with(|| Box::new([Digits([0; DIGITS]); LANES]));
+        for (lane, digits) in all_digits.iter_mut().enumerate() {
+            let (high, low) = (&mut self.high[lane], &mut self.low[lane]);
+            if high.is_finite() {
+                [*high, *low, lost[lane]].iter().for_each(|&x| digits.add(x));
+                (*high, *low) = (0.0, 0.0);
+            } else {
+                (*digits, *high, *low) = (Digits([0; DIGITS]), f64::NAN, 0.0);
             }
         }
-        let mut digits = [0u32; 2 * REACHED + 6];
-        let mut carried = 0;
-        for (digit, place) in digits.iter_mut().zip(places) {
-            carried += place;
-            *digit = carried as u32;
+    }
+
+    /// Adds all that others have.
+    pub fn merge(&mut self, other: &Self) {
+        for lane in 0..LANES {
+            other.each_part(lane, |part| {
+                let mut x = [0.0; LANES];
+                x[lane] = part;
+                self.add(x);
+            });
+        }
+    }
+
+    /// A sum as numbers of which each is what those before it leave, rounded to nearest: equal sums have equal parts.
+    fn each_part(&self, lane: usize, mut tell: impl FnMut(f64)) {
+        let (high, low) = (self.high[lane], self.low[lane]);
+        if high.is_nan() {
+            return tell(f64::NAN);
+        }
+        let Some(digits) = &self.digits else {
+            let (high, low) = two_sum(high, low);
+            return [high, low].into_iter().filter(|&part| part != 0.0).for_each(tell);
+        };
+        let mut rest = digits[lane];
+        [high, low].iter().for_each(|&x| rest.add(x));
+        loop {
+            let part = rest.to_f64();
+            if part == 0.0 {
+                return;
+            }
+            tell(part);
+            rest.add(-part);
+        }
+    }
+
+    /// The first two parts of a sum.
+    #[inline]
+    fn two_parts(&self, lane: usize) -> [f64; 2] {
+        if self.digits.is_none() {
+            return two_sum(self.high[lane], self.low[lane]).into();
+        }
+        let (mut parts, mut seen) = ([0.0; 2], 0);
+        self.each_part(lane, |part| {
+            if let Some(place) = parts.get_mut(seen) {
+                *place = part;
+            }
+            seen += 1;
+        });
+        parts
+    }
+
+    /// The sums in double precision, rounded to nearest.
+    #[inline]
+    pub fn to_f64(&self) -> [f64; LANES] {
+        from_fn(|lane| self.two_parts(lane)[0])
+    }
+
+    /// `count` Σx² − (Σx)² for the numbers of the sum in one lane, of which there are `count` and whose squares are summed
+    /// in another: to at least seven digits, and exactly 0 where all are equal.
+    #[inline]
+    pub fn spread(&self, lane: usize, squares_lane: usize, count: u32) -> f64 {
+        let n = f64::from(count);
+        let ([sum, sum_low], [squares, squares_low]) = (self.two_parts(lane), self.two_parts(squares_lane));
+        let ((square, square_rest), (squares, squares_rest)) = (two_product(sum, sum), two_product(n, squares));
+        let spread = (squares - square) + ((squares_rest - square_rest) + (n * squares_low - 2.0 * sum * sum_low));
+        // A number that is not the largest one differs from it by 2⁻²⁴ of it at least. Then the spread is above
+        // (count − 1) / count² of 2⁻⁴⁸ of the squares, where this arithmetic errs by some 2⁻¹⁰³ of them.
+        const NOTHING: f64 = f64::from_bits((1023 - 90) << 52);
+        if spread > NOTHING * squares { spread } else { 0.0 }
+    }
+
+    /// Writes the sums at the end of `out`: equal sums give equal bytes.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        for lane in 0..LANES {
+            let start = out.len();
+            out.push(0);
+            self.each_part(lane, |part| {
+                out.extend(part.to_le_bytes());
+                out[start] += 1;
+            });
+        }
+    }
+
+    /// Reads what [`encode`](Self::encode) has written and leaves `bytes` after it; `None` where it is no such sums.
+    pub fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        let mut sums = Self::default();
+        for lane in 0..LANES {
+            let (&count, mut rest) = bytes.split_first()?;
+            for _ in 0..count {
+                let (part, behind) = rest.split_first_chunk()?;
+                let part = f64::from_le_bytes(*part);
+                if !part.is_nan() && !Digits::can_hold(part) {
+                    return None;
+                }
+                let mut x = [0.0; LANES];
+                x[lane] = part;
+                sums.add(x);
+                rest = behind;
+            }
+            *bytes = rest;
+        }
+        Some(sums)
+    }
+}
+
+impl Digits {
+    /// Place of the first digit that a number reaches, and its digits from there on.
+    fn split(x: f64) -> (usize, i128) {
+        let exponent = (x.to_bits() >> 52) & 0x7ff;
+        let mantissa = (x.to_bits() & ((1 << 52) - 1)) | u64::from(exponent != 0) << 52;
+        let shift = exponent.max(1) as i32 - 1075 - LEAST;
+        let (place, digits) = if shift < 0 {
+            (0, i128::from(mantissa.checked_shr(shift.unsigned_abs()).unwrap_or(0)))
+        } else {
+            (shift as usize / 32, i128::from(mantissa) << (shift % 32))
+        };
+        (place, if x.is_sign_negative() { -digits } else { digits })
+    }
+
+    /// Whether a number is a whole multiple of 2⁻²⁹⁸, and not larger than what may be added.
+    fn can_hold(x: f64) -> bool {
+        let (place, digits) = Self::split(x);
+        // Three digits take all of a number.
+        place + 3 <= DIGITS && digits as f64 * power_of_two(32 * place as i32 + LEAST) == x
+    }
+
+    fn add(&mut self, x: f64) {
+        let (place, mut carried) = Self::split(x);
+        for digit in &mut self.0[place..DIGITS - 1] {
+            carried += i128::from(*digit);
+            *digit = (carried & 0xffff_ffff) as i64;
             carried >>= 32;
         }
-        // By Cauchy and Schwarz it is not negative, so that nothing is carried out of the last place.
-        let digits = digits.iter().enumerate().rev();
-        digits
-            .fold(0.0, |above, (place, &digit)| above + f64::from(digit) * power_of_two(32 * place as i32 + 2 * LEAST))
+        self.0[DIGITS - 1] = self.0[DIGITS - 1].saturating_add(carried as i64);
     }
 
-    /// Writes the sum at the end of `out`: equal sums give equal bytes.
-    pub fn encode(&self, out: &mut Vec<u8>) {
-        let mut sum = *self;
-        sum.carry();
-        let words: [u64; REACHED + 2] = std::array::from_fn(|i| match i {
-            i if i > REACHED => (sum.0[REACHED] >> 64) as u64,
-            i => sum.0[i] as u64,
-        });
-        let start = words.iter().position(|&word| word != 0).unwrap_or(words.len());
-        let end = words.iter().rposition(|&word| word != 0).map_or(start, |last| last + 1);
-        encode_run(start, end, out, |i, out| out.extend(words[i].to_le_bytes()));
-    }
-
-    /// Reads what [`encode`](Self::encode) has written and leaves `bytes` after it; `None` where it is no sum.
-    pub fn decode(bytes: &mut &[u8]) -> Option<Self> {
-        let mut words = [0u64; REACHED + 2];
-        let (start, end) = decode_run(bytes, words.len())?;
-        for word in &mut words[start..end] {
-            *word = u64::from_le_bytes(take(bytes)?);
+    /// Rounded to nearest.
+    fn to_f64(self) -> f64 {
+        if self.0[DIGITS - 1] < 0 {
+            let mut opposite = Self([0; DIGITS]);
+            let mut carried = 0i64;
+            for (digit, own) in opposite.0.iter_mut().zip(self.0) {
+                carried = carried.saturating_sub(own);
+                *digit = carried & 0xffff_ffff;
+                carried >>= 32;
+            }
+            opposite.0[DIGITS - 1] |= carried << 32;
+            return -opposite.to_f64();
         }
-        let mut digits: [u128; REACHED + 1] = std::array::from_fn(|i| u128::from(words[i]));
-        digits[REACHED] |= u128::from(words[REACHED + 1]) << 64;
-        Some(Self(digits))
+        let top = self.0.iter().rposition(|&digit| digit != 0).unwrap_or(0).max(2);
+        let digits = self.0[top - 2..=top].iter().rev().fold(0, |above, &digit| above << 32 | digit as u128);
+        // What is further below decides only between two halves.
+        let is_more = self.0[..top - 2].iter().any(|&digit| digit != 0);
+        (digits | u128::from(is_more)) as f64 * power_of_two(32 * (top as i32 - 2) + LEAST)
     }
-}
-
-/// The word above a word where it is the last of a number in two's complement.
-fn sign_of(word: u32) -> u32 {
-    if word >> 31 == 0 { 0 } else { u32::MAX }
-}
-
-/// A number in two's complement without its sign.
-fn magnitude(mut words: [u32; REACHED + 2]) -> [u32; REACHED + 2] {
-    if sign_of(words[REACHED + 1]) == 0 {
-        return words;
-    }
-    let mut carried = true;
-    for word in &mut words {
-        (*word, carried) = (!*word).overflowing_add(u32::from(carried));
-    }
-    words
 }
 
 /// Of a normal number in double precision.
-#[inline]
 fn power_of_two(exponent: i32) -> f64 {
     f64::from_bits(((exponent + 1023) as u64) << 52)
-}
-
-/// Writes which words of a number are there, four bits for the first and four for how many, and then each.
-fn encode_run(start: usize, end: usize, out: &mut Vec<u8>, word: impl Fn(usize, &mut Vec<u8>)) {
-    out.push(if start < end { (start << 4 | (end - start)) as u8 } else { 0 });
-    (start..end).for_each(|i| word(i, out));
-}
-
-fn decode_run(bytes: &mut &[u8], count: usize) -> Option<(usize, usize)> {
-    let [run] = take(bytes)?;
-    let (start, length) = (usize::from(run >> 4), usize::from(run & 15));
-    (start + length <= count).then_some((start, start + length))
-}
-
-fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
-    let (first, rest) = bytes.split_first_chunk()?;
-    *bytes = rest;
-    Some(*first)
 }
 
 #[cfg(test)]
@@ -299,26 +256,33 @@ mod tests {
         let usual = (-1e3f32..1e3, -30i32..10).prop_map(|(x, e)| x * 2f32.powi(e));
         let special =
             prop::sample::select(vec![0.0, -0.0, f32::MAX, f32::MIN, f32::from_bits(1), f32::MIN_POSITIVE, 1.0]);
-        prop::collection::vec(prop_oneof![any, usual, special], 0..300)
+        let mixed = prop_oneof![any, usual.clone(), special];
+        prop_oneof![prop::collection::vec(mixed, 0..300), prop::collection::vec(usual, 0..300)]
     }
 
-    fn sums(values: &[f32]) -> (ExactSum, ExactSquares) {
-        let (mut sum, mut squares) = (ExactSum::default(), ExactSquares::default());
-        for (i, &x) in values.iter().enumerate() {
-            squares.add_both(&mut sum, x);
-            if i as u32 % CARRY_AFTER == CARRY_AFTER - 1 {
-                sum.carry();
-                squares.carry();
-            }
-        }
-        (sum, squares)
+    /// The sum of numbers, and that of their squares.
+    fn sums(values: &[f32]) -> ExactSums<2> {
+        let mut sums = ExactSums::default();
+        values.iter().for_each(|&x| add(&mut sums, x));
+        sums
     }
 
-    fn bytes((sum, squares): &(ExactSum, ExactSquares)) -> Vec<u8> {
+    fn add(sums: &mut ExactSums<2>, x: f32) {
+        let x = f64::from(x);
+        sums.add([x, x * x]);
+    }
+
+    fn bytes(sums: &ExactSums<2>) -> Vec<u8> {
         let mut out = Vec::new();
-        sum.encode(&mut out);
-        squares.encode(&mut out);
+        sums.encode(&mut out);
         out
+    }
+
+    fn decoded(bytes: &[u8]) -> ExactSums<2> {
+        let mut rest = bytes;
+        let sums = ExactSums::decode(&mut rest).unwrap();
+        assert!(rest.is_empty());
+        sums
     }
 
     proptest! {
@@ -330,18 +294,29 @@ mod tests {
             prop_assert_eq!(bytes(&whole), bytes(&sums(&backwards)));
             let mut cuts: Vec<usize> = cuts.into_iter().map(|cut| cut.min(values.len())).chain([0, values.len()]).collect();
             cuts.sort();
-            let mut joined = (ExactSum::default(), ExactSquares::default());
+            let mut joined = ExactSums::default();
             for part in cuts.windows(2).rev() {
-                let part = sums(&values[part[0]..part[1]]);
                 // Over a file, as parts come from other machines.
-                let written = bytes(&part);
-                let mut rest = &written[..];
-                joined.0.merge(&ExactSum::decode(&mut rest).unwrap());
-                joined.1.merge(&ExactSquares::decode(&mut rest).unwrap());
-                prop_assert!(rest.is_empty());
+                joined.merge(&decoded(&bytes(&sums(&values[part[0]..part[1]]))));
             }
             prop_assert_eq!(bytes(&whole), bytes(&joined));
-            prop_assert_eq!(whole.0.to_f64().to_bits(), joined.0.to_f64().to_bits());
+            prop_assert_eq!(whole.to_f64().map(f64::to_bits), joined.to_f64().map(f64::to_bits));
+            let spreads = [&whole, &joined].map(|sums| sums.spread(0, 1, values.len() as u32).to_bits());
+            prop_assert_eq!(spreads[0], spreads[1]);
+        }
+
+        #[test]
+        fn digits_and_two_numbers_are_one_sum(values in numbers()) {
+            let (two, mut spilled) = (sums(&values), ExactSums::default());
+            // Further apart than two numbers can hold, and taken away again.
+            let apart = [f64::from(f32::MAX), f64::from(f32::from_bits(1)), 1.0];
+            apart.iter().for_each(|&x| spilled.add([x, x]));
+            prop_assert!(spilled.digits.is_some());
+            values.iter().for_each(|&x| add(&mut spilled, x));
+            apart.iter().for_each(|&x| spilled.add([-x, -x]));
+            prop_assert_eq!(bytes(&two), bytes(&spilled));
+            prop_assert_eq!(two.two_parts(0), spilled.two_parts(0));
+            prop_assert_eq!(two.two_parts(1), spilled.two_parts(1));
         }
 
         #[test]
@@ -350,11 +325,10 @@ mod tests {
             let values: Vec<(f32, i128)> =
                 values.into_iter().map(|(m, e)| (m as f32 * 2f32.powi(e), i128::from(m) << (e + 20))).collect();
             let floats: Vec<f32> = values.iter().map(|v| v.0).collect();
-            let (sum, squares) = sums(&floats);
-            let (total, n) = (values.iter().map(|v| v.1).sum::<i128>(), values.len());
-            let close = |a: f64, b: f64| (a - b).abs() <= 1e-15 * b.abs();
-            prop_assert!(close(sum.to_f64() * 2f64.powi(20), total as f64), "{} {total}", sum.to_f64());
-            let spread = squares.spread(&sum, n as u32);
+            let (sums, n) = (sums(&floats), values.len());
+            let total = values.iter().map(|v| v.1).sum::<i128>();
+            prop_assert_eq!(sums.to_f64()[0] * 2f64.powi(20), total as f64);
+            let spread = sums.spread(0, 1, n as u32);
             // Deviations from the first value, so that little cancels.
             let first = f64::from(floats[0]);
             let (s, q) = floats.iter().fold((0.0, 0.0), |(s, q), &x| (s + f64::from(x) - first, q + (f64::from(x) - first).powi(2)));
@@ -363,40 +337,68 @@ mod tests {
         }
 
         #[test]
-        fn damaged_bytes_are_no_panic(damaged in prop::collection::vec(any::<u8>(), 0..200)) {
-            let (mut a, mut b) = (&damaged[..], &damaged[..]);
-            if let (Some(sum), Some(squares)) = (ExactSum::decode(&mut a), ExactSquares::decode(&mut b)) {
-                let (mut other, mut more) = (sum, squares);
-                (0..3).for_each(|_| (other.merge(&sum), more.merge(&squares)).0);
-                let _ = (other.to_f64(), more.spread(&other, u32::MAX));
+        fn the_least_difference_is_a_spread(x in any::<u32>().prop_map(f32::from_bits), count in 2u32..5000) {
+            prop_assume!(x.is_finite() && x != 0.0);
+            let less = f32::from_bits(x.to_bits() - 1);
+            let (mut different, mut equal) = (sums(&[less]), sums(&[x]));
+            for _ in 1..count {
+                add(&mut different, x);
+                add(&mut equal, x);
+            }
+            let step = f64::from(x) - f64::from(less);
+            let (spread, expected) = (different.spread(0, 1, count), f64::from(count - 1) * step * step);
+            prop_assert!((spread - expected).abs() <= 1e-6 * expected, "{spread:e} {expected:e}");
+            prop_assert_eq!(equal.spread(0, 1, count), 0.0);
+        }
+
+        #[test]
+        fn damaged_bytes_are_no_panic(damaged in prop::collection::vec(any::<u8>(), 0..200), count in 0u8..20) {
+            let damaged = [vec![count], damaged].concat();
+            if let Some(sums) = ExactSums::<2>::decode(&mut &damaged[..]) {
+                let mut other = sums.clone();
+                (0..3).for_each(|_| other.merge(&sums));
+                let _ = (other.to_f64(), other.spread(0, 1, u32::MAX));
             }
         }
     }
 
     #[test]
     fn equal_numbers_have_no_spread_and_small_ones_are_not_lost() {
-        let (sum, squares) = sums(&[0.3; 1000]);
-        assert_eq!((squares.spread(&sum, 1000), sum.to_f64()), (0.0, 1000.0 * f64::from(0.3f32)));
-        let (sum, _) = sums(&[1e30, 1e-30, -1e30]);
-        assert_eq!(sum.to_f64() as f32, 1e-30);
-        assert_eq!(sums(&[-2.5, 1.0]).0.to_f64(), -1.5);
-        assert_eq!(sums(&[f32::MAX; 300]).0.to_f64(), 300.0 * f64::from(f32::MAX));
-        let (sum, squares) = sums(&[1.0, 2.0, 4.0, 9.0]);
-        assert_eq!(squares.spread(&sum, 4), 4.0 * 102.0 - 256.0);
+        let equal = sums(&[0.3; 1000]);
+        assert_eq!((equal.spread(0, 1, 1000), equal.to_f64()[0]), (0.0, 1000.0 * f64::from(0.3f32)));
+        assert_eq!(sums(&[1e30, 1e-30, -1e30]).to_f64()[0] as f32, 1e-30);
+        assert_eq!(sums(&[-2.5, 1.0]).to_f64()[0], -1.5);
+        assert_eq!(sums(&[f32::MAX; 300]).to_f64()[0], 300.0 * f64::from(f32::MAX));
+        assert_eq!(sums(&[1.0, 2.0, 4.0, 9.0]).spread(0, 1, 4), 4.0 * 102.0 - 256.0);
+        let none = sums(&[]);
+        assert_eq!((none.to_f64(), none.spread(0, 1, 0)), ([0.0; 2], 0.0));
     }
 
     #[test]
-    fn what_is_no_number_stays_so() {
-        let mut sum = ExactSum::default();
-        sum.add(f32::NEG_INFINITY);
-        sum.add(1.0);
-        sum.carry();
-        let mut written = Vec::new();
-        sum.encode(&mut written);
-        let mut other = ExactSum::default();
-        other.add(-3.0);
-        other.merge(&ExactSum::decode(&mut &written[..]).unwrap());
-        other.merge(&sum);
-        assert!(sum.to_f64().is_nan() && other.to_f64().is_nan());
+    fn the_largest_sums_fit() {
+        // What 2³² of the largest squares come to, beside the least one.
+        let (most, least) = (f64::from(f32::MAX).powi(2) * 2f64.powi(32), f64::from(f32::from_bits(1)).powi(2));
+        let mut sums = ExactSums::<2>::default();
+        [least, most, 1.0].iter().for_each(|&x| sums.add([x, -x]));
+        assert_eq!(sums.to_f64(), [most, -most]);
+        let mut read = decoded(&bytes(&sums));
+        [-most, -1.0].iter().for_each(|&x| read.add([x, -x]));
+        assert_eq!(read.to_f64(), [least, -least]);
+        for no_sum in [2f64.powi(310), 2f64.powi(-299), f64::INFINITY, f64::MAX, f64::from_bits(1)] {
+            let bytes = [&[1][..], &no_sum.to_le_bytes()].concat();
+            assert!(ExactSums::<1>::decode(&mut &bytes[..]).is_none(), "{no_sum}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_stays_so_in_its_lane() {
+        let mut sums = ExactSums::<2>::default();
+        sums.add([f64::NEG_INFINITY, 2.0]);
+        sums.add([1.0, 1.0]);
+        let mut other = ExactSums::default();
+        other.add([-3.0, 0.5]);
+        other.merge(&decoded(&bytes(&sums)));
+        assert!(sums.to_f64()[0].is_nan() && other.to_f64()[0].is_nan());
+        assert_eq!((sums.to_f64()[1], other.to_f64()[1]), (3.0, 3.5));
     }
 }

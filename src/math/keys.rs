@@ -81,6 +81,36 @@ impl<T: Between + Clone> Keys<T> {
         }
     }
 
+    /// How long the way is that the value takes from `start` to `end` [s], there and back counted, where `length` says it of two
+    /// keys that follow each other. Jumps have none.
+    pub fn way(&self, start: f64, end: f64, length: impl Fn(&T, &T) -> f64) -> f64 {
+        let (first, last) = (self.keys[0].0, self.keys[self.keys.len() - 1].0);
+        // From the first key on.
+        let until = |time: f64| {
+            let mut sum = 0.0;
+            for pair in self.keys.windows(2) {
+                let ((begin, a), (end, b)) = (&pair[0], &pair[1]);
+                let share = ((time - begin) / (end - begin)).clamp(0.0, 1.0);
+                sum += length(a, b)
+                    * match self.interpolation {
+                        Interpolation::Linear => share,
+                        Interpolation::Ease => cubic_step(share),
+                        Interpolation::Step => 0.0,
+                    };
+                if time <= *end {
+                    break;
+                }
+            }
+            sum
+        };
+        let is_round = self.repeats && last > first;
+        let gone = |time: f64| {
+            let rounds = if is_round { ((time - first) / (last - first)).floor() } else { 0.0 };
+            until(self.within(time)) + if rounds != 0.0 { rounds * until(last) } else { 0.0 }
+        };
+        gone(end) - gone(start)
+    }
+
     /// The time of the first round at which a course that repeats is the same.
     fn within(&self, time: f64) -> f64 {
         let (first, last) = (self.keys[0].0, self.keys[self.keys.len() - 1].0);
@@ -120,24 +150,36 @@ impl Turn {
             Self::Quaternion(rotation) => rotation,
         }
     }
+
+    /// How far it is to another [rad]: the angle of all that is [between](Between::between).
+    pub fn way(&self, to: &Self) -> f64 {
+        match self.angles(to) {
+            Some((_, from, angle)) => (angle - from).abs(),
+            None => self.rotation().angle_between(to.rotation()),
+        }
+    }
+
+    /// The axis that both are about, and the angles [rad].
+    fn angles(&self, to: &Self) -> Option<(DVec3, f64, f64)> {
+        /// Least cosine of the angle between axes that count as the same.
+        const SAME_AXIS: f64 = 1.0 - 1e-12;
+        let (Self::About(a, from), Self::About(b, angle)) = (self, to) else { return None };
+        // No turn has every axis.
+        if *from == 0.0 || a.dot(*b) >= SAME_AXIS {
+            return Some((*b, *from, *angle));
+        }
+        (*angle == 0.0).then_some((*a, *from, *angle))
+    }
 }
 
 impl Between for Turn {
     /// At constant angular velocity. About one axis it turns by as much as the angles say, be it many times round; otherwise it
     /// takes the shorter way.
     fn between(&self, to: &Self, share: f64) -> Self {
-        /// Least cosine of the angle between axes that count as the same.
-        const SAME_AXIS: f64 = 1.0 - 1e-12;
-        if let (Self::About(a, from), Self::About(b, angle)) = (self, to) {
-            // No turn has every axis.
-            if *from == 0.0 || a.dot(*b) >= SAME_AXIS {
-                return Self::About(*b, from.between(angle, share));
-            }
-            if *angle == 0.0 {
-                return Self::About(*a, from.between(angle, share));
-            }
+        match self.angles(to) {
+            Some((axis, from, angle)) => Self::About(axis, from.between(&angle, share)),
+            None => Self::Quaternion(self.rotation().slerp(to.rotation(), share)),
         }
-        Self::Quaternion(self.rotation().slerp(to.rotation(), share))
     }
 }
 
@@ -148,6 +190,28 @@ mod tests {
 
     fn course(interpolation: Interpolation, repeats: bool) -> Keys<f64> {
         Keys::new(vec![(1.0, 0.0), (2.0, 1.0), (4.0, -1.0)], interpolation, repeats)
+    }
+
+    #[test]
+    fn ways_add_up_as_the_value_goes() {
+        let length = |a: &f64, b: &f64| (a - b).abs();
+        for interpolation in [Interpolation::Linear, Interpolation::Ease] {
+            for repeats in [false, true] {
+                // Closed, so that a course that repeats does not jump.
+                let keys = Keys::new(vec![(1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (5.0, 0.0)], interpolation, repeats);
+                for (start, end) in [(1.0, 5.0), (1.3, 1.4), (-8.5, 0.2), (0.0, 3.5), (3.9, 12.1), (6.0, 7.0)] {
+                    const STEPS: i32 = 20_000;
+                    let time = |i: i32| start + (end - start) * f64::from(i) / f64::from(STEPS);
+                    let sum: f64 = (0..STEPS).map(|i| (keys.at(time(i)) - keys.at(time(i + 1))).abs()).sum();
+                    let way = keys.way(start, end, length);
+                    assert!((way - sum).abs() < 1e-3, "{interpolation:?} {repeats} {start} {end}: {way} {sum}");
+                }
+            }
+        }
+        assert_eq!(course(Interpolation::Step, false).way(0.0, 9.0, length), 0.0);
+        let (axis, quarter) = (DVec3::Y, Turn::Quaternion(DQuat::from_rotation_y(0.5 * PI)));
+        assert!((Turn::About(axis, 1.0).way(&Turn::About(axis, 1.0 + 5.0 * TAU)) - 5.0 * TAU).abs() < 1e-12);
+        assert!((Turn::About(axis, 3.5 * PI).way(&quarter) - PI).abs() < 1e-6);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Shared vocabulary of the stages; knows neither smoke nor light.
 
 pub mod aabb;
+pub mod circle;
 pub mod dual;
 pub mod exact_sum;
 pub mod hash;

@@ -28,10 +28,15 @@ pub fn image_of_film(film: &Film, kind: SampleKind, origin: &Origin) -> Image {
     image_with(film, kind, attributes(film.spp, &film.layers, origin))
 }
 
+/// The windows of a film's picture, without any channels.
+pub fn frame_of(film: &Film) -> Image {
+    let b = film.bounds;
+    Image::cropped(film.resolution, [b.x0, b.y0, b.x1, b.y1])
+}
+
 /// As [`image_of_film`], with [`attributes`] that are known already.
 pub fn image_with(film: &Film, kind: SampleKind, attributes: Vec<(String, Attribute)>) -> Image {
-    let b = film.bounds;
-    let mut image = Image::cropped(film.resolution, [b.x0, b.y0, b.x1, b.y1]);
+    let mut image = frame_of(film);
     image.push_rgb("", kind, &film.pixels.iter().map(|p| p.mean.to_array()).collect::<Vec<_>>());
     image.push("A", kind, film.pixels.iter().map(|p| p.alpha).collect());
     let channels: Vec<(String, SampleKind)> = film

@@ -75,9 +75,9 @@ impl Image {
     ///
     /// # Panics
     /// When the rectangle is empty.
-    pub fn cropped(size: [u32; 2], [x0, y0, x1, y1]: [u32; 4]) -> Self {
+    pub fn cropped(size: [u32; 2], [x0, y0, x1, y1]: [i32; 4]) -> Self {
         assert!(x0 < x1 && y0 < y1, "a crop holds at least one pixel");
-        Self { size, data_origin: [x0 as i32, y0 as i32], data_size: [x1 - x0, y1 - y0], ..Self::default() }
+        Self { size, data_origin: [x0, y0], data_size: [x1.abs_diff(x0), y1.abs_diff(y0)], ..Self::default() }
     }
 
     /// Adds a channel and keeps the order.
@@ -155,6 +155,24 @@ impl Image {
         Some(r.iter().zip(g).zip(b).map(|((&r, &g), &b)| [r, g, b]).collect())
     }
 
+    /// What of numbers for each pixel of the data window is within the display window, and its width and height: what people
+    /// look at. All of them where nothing is within it.
+    pub fn shown<T: Copy>(&self, pixels: &[T]) -> ([u32; 2], Vec<T>) {
+        // Of columns, and of rows: from where on, and how many.
+        let within = [0, 1].map(|i| {
+            let (from, length) = (i64::from(self.data_origin[i]), i64::from(self.data_size[i]));
+            let (first, end) = (from.max(0), (from + length).min(i64::from(self.size[i])));
+            ((first - from) as usize, (end - first).max(0) as usize)
+        });
+        let [(left, columns), (top, rows)] = within;
+        if columns == 0 || rows == 0 {
+            return (self.data_size, pixels.to_vec());
+        }
+        let lines = pixels.chunks_exact(self.data_size[0] as usize).skip(top).take(rows);
+        let shown = lines.flat_map(|line| &line[left..left + columns]).copied().collect();
+        ([columns as u32, rows as u32], shown)
+    }
+
     /// Position in the display window of the pixel with the given number in the data window.
     pub fn position(&self, pixel: usize) -> [i32; 2] {
         let width = (self.data_size[0] as usize).max(1);
@@ -192,6 +210,20 @@ mod tests {
     fn pixels_of_a_crop_know_their_place_in_the_frame() {
         let image = Image::cropped([100, 50], [10, 20, 14, 22]);
         assert_eq!((image.pixel_count(), image.position(5)), (8, [11, 21]));
+    }
+
+    #[test]
+    fn the_frame_is_shown_without_what_is_beside_it() {
+        let shown = |bounds| {
+            let image = Image::cropped([3, 2], bounds);
+            let places: Vec<[i32; 2]> = (0..image.pixel_count()).map(|i| image.position(i)).collect();
+            image.shown(&places)
+        };
+        assert_eq!(shown([-2, -1, 4, 5]), ([3, 2], vec![[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]));
+        assert_eq!(shown([1, -1, 2, 3]), ([1, 2], vec![[1, 0], [1, 1]]));
+        // A strip beside the frame is all that there is to look at.
+        assert_eq!(shown([-2, 0, 0, 1]), ([2, 1], vec![[-2, 0], [-1, 0]]));
+        assert_eq!(shown([i32::MAX - 1, 0, i32::MAX, 1]).0, [1, 1]);
     }
 
     #[test]

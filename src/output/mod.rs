@@ -21,6 +21,9 @@ pub mod sidecar;
 pub mod survey;
 pub mod view;
 
+/// How the preview maps light to the screen: what a scene may say is all there is. Done in [`view`].
+pub use crate::scene::settings::View;
+
 use crate::output::image::Image;
 use std::fs::File;
 use std::io::Read;
@@ -136,18 +139,6 @@ pub(crate) fn check_memory(path: &Path, needed: u64, limit: u64) -> Result<(), O
         return Err(OutputError::TooLarge { path: path.into(), needed, limit });
     }
     Ok(())
-}
-
-impl From<crate::scene::settings::View> for view::View {
-    fn from(view: crate::scene::settings::View) -> Self {
-        match view {
-            crate::scene::settings::View::Standard => Self::Standard,
-            crate::scene::settings::View::Neutral => Self::Neutral,
-            crate::scene::settings::View::Agx => Self::Agx,
-            crate::scene::settings::View::FalseColor => Self::FalseColor,
-            crate::scene::settings::View::Raw => Self::Raw,
-        }
-    }
 }
 
 impl From<crate::scene::settings::Compression> for exr::Compression {

@@ -5,10 +5,10 @@
 //! SHA-256 of everything before. Numbers are little-endian. A file is of use only whole, and to programs that make the very
 //! same picture: the fingerprint in the head, which holds the version, tells.
 
+use crate::output::View;
 use crate::output::file::write_atomic_with;
 use crate::output::image::Attribute;
 use crate::output::sidecar::Sidecar;
-use crate::output::view::View;
 use crate::output::{OutputError, check_memory, check_regular, exr};
 use crate::render::film::PixelBounds;
 use crate::render::layers::Layer;
@@ -31,6 +31,8 @@ const HEAD_MAX: u64 = 64 << 20;
 const HEAD_FACTOR: u64 = 16;
 /// Shortest tile, of which there is one pixel [bytes].
 const TILE_MIN: u64 = 33;
+/// Farthest that pixels are beside the frame in what is read [pixels].
+const BESIDE_MAX: i32 = 1 << 16;
 /// Largest edge of a tile that is read [pixels].
 const EDGE_MAX: u32 = 4096;
 
@@ -42,10 +44,10 @@ pub struct Head {
     pub scene: String,
     /// How the frame comes about; its fingerprint is that of the whole picture.
     pub record: Sidecar,
-    /// Size of the whole picture [pixels].
+    /// Size of the frame [pixels].
     pub resolution: [u32; 2],
-    /// Which part of it: first column and row, and one past the last.
-    pub bounds: [u32; 4],
+    /// Which pixels: first column and row, and one past the last; overscan is beyond the frame.
+    pub bounds: [i32; 4],
     /// Edge of a tile [pixels].
     pub tile_edge: u32,
     /// Further layers.
@@ -79,10 +81,21 @@ impl Head {
         Canvas { resolution: self.resolution, bounds, edge: self.tile_edge, layers: self.layers.clone() }
     }
 
+    /// Tiles of the picture.
+    fn tile_count(&self) -> u64 {
+        let bounds = self.canvas().bounds;
+        let across = |pixels: u32| u64::from(pixels.div_ceil(self.tile_edge));
+        across(bounds.width()) * across(bounds.height())
+    }
+
     /// What is wrong with it, if anything: nothing else may be done with a head that was read before this was asked.
     fn problem(&self) -> Option<&'static str> {
         let ([x0, y0, x1, y1], [width, height]) = (self.bounds, self.resolution);
-        if x0 >= x1 || y0 >= y1 || x1 > width || y1 > height {
+        let is_near = |low: i32, high: i32, size: u32| {
+            let size = i32::try_from(size).unwrap_or(0);
+            low >= -BESIDE_MAX && high <= size.saturating_add(BESIDE_MAX) && size > 0
+        };
+        if x0 >= x1 || y0 >= y1 || !is_near(x0, x1, width) || !is_near(y0, y1, height) {
             return Some("its part of the picture is empty or outside");
         }
         if !(1..=EDGE_MAX).contains(&self.tile_edge) {
@@ -219,8 +232,7 @@ impl PartFile {
         if let Some(problem) = head.problem() {
             return Err(invalid(problem));
         }
-        let [x0, y0, x1, y1] = head.bounds.map(u64::from);
-        let tiles = (x1 - x0).div_ceil(head.tile_edge.into()) * (y1 - y0).div_ceil(head.tile_edge.into());
+        let tiles = head.tile_count();
         let mut places: Vec<TilePlace> = Vec::new();
         while at < end {
             if end - at < 16 {
@@ -298,12 +310,12 @@ impl PartFile {
         const PIXEL_BYTES: u64 = 96;
         const LAYER_BYTES: u64 = 12;
         const TILE_BYTES: u64 = 256;
-        let [x0, y0, x1, y1] = self.head.bounds.map(u64::from);
-        let channels = self.head.canvas().channel_count() as u64;
-        let needed = ((x1 - x0) * (y1 - y0)).saturating_mul(PIXEL_BYTES + channels.saturating_mul(LAYER_BYTES));
-        let edge = u64::from(self.head.tile_edge);
-        let tiles = (x1 - x0).div_ceil(edge) * (y1 - y0).div_ceil(edge);
-        check_memory(&self.path, needed.saturating_add(tiles.saturating_mul(TILE_BYTES)), self.memory_limit)
+        let canvas = self.head.canvas();
+        let channels = canvas.channel_count() as u64;
+        let pixels = canvas.bounds.area() as u64;
+        let needed = pixels.saturating_mul(PIXEL_BYTES + channels.saturating_mul(LAYER_BYTES));
+        let tiles = self.head.tile_count().saturating_mul(TILE_BYTES);
+        check_memory(&self.path, needed.saturating_add(tiles), self.memory_limit)
     }
 
     /// The error of a tile whose bytes are not those of such a tile.

@@ -1,7 +1,8 @@
 //! PNG: pictures to look at, mapped from light to the screen, and textures to read.
 
+use crate::output::View;
 use crate::output::image::{Image, SampleKind};
-use crate::output::view::{View, linear_from_srgb};
+use crate::output::view::{linear_from_srgb, on_screen};
 use crate::output::{OutputError, check_memory, read_bytes};
 use ::png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits, SrgbRenderingIntent, Transformations};
 use std::io::Cursor;
@@ -22,7 +23,7 @@ pub fn encode(rgb: &[[f32; 3]], size: [u32; 2], view: View, exposure_ev: f64) ->
     }
     let gain = exposure_ev.exp2() as f32;
     let pixels: Vec<u8> =
-        rgb.iter().flat_map(|c| view.apply(c.map(|x| x * gain)).map(|x| (x * 255.0).round() as u8)).collect();
+        rgb.iter().flat_map(|c| on_screen(view, c.map(|x| x * gain)).map(|x| (x * 255.0).round() as u8)).collect();
     encode_bytes(&pixels, size)
 }
 
@@ -96,7 +97,7 @@ mod tests {
 
     #[test]
     fn standard_view_is_srgb_and_exposure_counts_in_stops() {
-        let middle = View::Standard.apply([0.2158605, 0.0, 2.0]);
+        let middle = on_screen(View::Standard, [0.2158605, 0.0, 2.0]);
         assert!((middle[0] - 128.0 / 255.0).abs() < 1e-4 && middle[1] == 0.0 && middle[2] > 0.9999);
         let one = encode(&[[0.5; 3]], [1, 1], View::Standard, 0.0).unwrap();
         let two = encode(&[[0.125; 3]], [1, 1], View::Standard, 2.0).unwrap();

@@ -38,7 +38,7 @@ pub struct Sidecar {
     /// Size of the whole picture [pixels].
     pub resolution: [u32; 2],
     /// The part of it that was rendered, where it is a part: first column and row, and one past the last.
-    pub crop: Option<[u32; 4]>,
+    pub crop: Option<[i32; 4]>,
     /// Tiles of the picture that were taken from a checkpoint; the times are without them.
     pub tiles_resumed: usize,
     /// The parts that it was merged from.

@@ -1,47 +1,16 @@
 //! How light is mapped to the screen.
 
-use serde::{Deserialize, Serialize};
+use crate::output::View;
 
-/// How light is mapped to the screen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum View {
-    /// Cut at 1, sRGB transfer curve.
-    Standard,
-    /// Khronos PBR Neutral, sRGB transfer curve: colours as they are up to 0.8, highlights rolled off.
-    Neutral,
-    /// AgX as Blender shows it: light rolls off over sixteen stops, and bright colours fade to white as on film.
-    Agx,
-    /// A colour for each stop of luminance from middle grey, to judge exposure by; see [`false_color`].
-    FalseColor,
-    /// Cut at 1, no transfer curve.
-    Raw,
-}
-
-impl View {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::Standard, Self::Neutral, Self::Agx, Self::FalseColor, Self::Raw];
-
-    /// Its name in a scene.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Standard => "standard",
-            Self::Neutral => "neutral",
-            Self::Agx => "agx",
-            Self::FalseColor => "false_color",
-            Self::Raw => "raw",
-        }
-    }
-
-    /// What the screen shows for linear Rec. 709 light, 0 to 1. Not-a-number shows as 0.
-    pub fn apply(self, rgb: [f32; 3]) -> [f32; 3] {
-        let light = || rgb.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1e9) });
-        match self {
-            Self::Standard => rgb.map(|x| srgb_from_linear(unit(x))),
-            Self::Neutral => pbr_neutral(light()).map(|x| srgb_from_linear(unit(x))),
-            Self::Agx => agx(light()).map(|x| srgb_from_linear(unit(x))),
-            Self::FalseColor => false_color(light()),
-            Self::Raw => rgb.map(unit),
-        }
+/// What the screen shows in a view for linear Rec. 709 light, 0 to 1. Not-a-number shows as 0.
+pub fn on_screen(view: View, rgb: [f32; 3]) -> [f32; 3] {
+    let light = || rgb.map(|x| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1e9) });
+    match view {
+        View::Standard => rgb.map(|x| srgb_from_linear(unit(x))),
+        View::Neutral => pbr_neutral(light()).map(|x| srgb_from_linear(unit(x))),
+        View::Agx => agx(light()).map(|x| srgb_from_linear(unit(x))),
+        View::FalseColor => false_color(light()),
+        View::Raw => rgb.map(unit),
     }
 }
 
@@ -220,7 +189,7 @@ mod tests {
     #[test]
     fn agx_is_what_blender_shows() {
         for (light, expected) in BY_BLENDER {
-            let shown = View::Agx.apply(light);
+            let shown = on_screen(View::Agx, light);
             let error = (0..3).map(|i| (shown[i] - expected[i]).abs()).fold(0.0, f32::max);
             assert!(error < 0.6 / 255.0, "{light:?}: {shown:?}, not {expected:?}");
         }
@@ -228,7 +197,7 @@ mod tests {
 
     #[test]
     fn agx_rises_from_black_to_white() {
-        let grey = |stops: f32| View::Agx.apply([MIDDLE_GREY * stops.exp2(); 3]);
+        let grey = |stops: f32| on_screen(View::Agx, [MIDDLE_GREY * stops.exp2(); 3]);
         let mut last = -1.0;
         for i in -40..27 {
             let shown = grey(i as f32 * 0.25);
@@ -245,7 +214,7 @@ mod tests {
             assert_eq!(at(edge - 0.01), below);
             assert_eq!(at(edge + 0.01), FALSE_COLORS.get(i + 1).map_or([255; 3], |next| next.1));
         }
-        assert_eq!(View::FalseColor.apply([0.0; 3]), [0.0; 3]);
+        assert_eq!(on_screen(View::FalseColor, [0.0; 3]), [0.0; 3]);
         assert!(FALSE_COLORS.is_sorted_by(|a, b| a.0 < b.0));
     }
 
@@ -253,7 +222,7 @@ mod tests {
     fn numbers_that_are_none_do_not_break_a_picture() {
         for view in View::ALL {
             for x in [f32::NAN, f32::INFINITY, -f32::INFINITY, -1.0, 1e30] {
-                let shown = view.apply([x, 0.5, 0.5]);
+                let shown = on_screen(view, [x, 0.5, 0.5]);
                 assert!(shown.iter().all(|s| (0.0..=1.0).contains(s)), "{view:?} {x}: {shown:?}");
             }
         }

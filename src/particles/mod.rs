@@ -7,8 +7,8 @@ pub mod follow;
 pub mod system;
 
 use crate::flow::Flow;
-use crate::geometry::Geometry;
 use crate::geometry::motion::Motion;
+use crate::geometry::{Geometry, Shape};
 use crate::math::hash::Seed;
 use crate::particles::advect::{CLASSICAL, EULER, MIDPOINT};
 use crate::particles::bend::Bends;
@@ -18,6 +18,7 @@ use crate::scene::footprint::{held_count, live_count, particle_bytes};
 use crate::scene::settings::{self, Integrator};
 use crate::scene::{Scene, settings::Settings};
 use glam::DVec3;
+use std::f64::consts::PI;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -25,6 +26,12 @@ pub use crate::particles::system::ParticleSystem;
 
 /// Particles start with this word in the derivation of their keys.
 const PARTICLE_KEYS: u64 = 0x7061_7274;
+/// Turn of a wall in a step from which on its ends do not tell which way round it went [rad], but for rounding.
+const HALF_TURN: f64 = PI * (1.0 - 1e-9);
+/// Pieces of a step in which its largest angular velocity is looked for.
+const PIECES: u32 = 16;
+/// Most steps of a frame that a scene may ask for.
+const SUBSTEPS_MAX: u32 = 1000;
 /// The least kernel radius, and the default [voxels].
 const KERNEL_VOXELS: f64 = 1.5;
 
@@ -133,6 +140,45 @@ impl ParticleSystem {
         system.open_shutter(frames.shutter.map(|share| share / frames.fps));
         Ok(system)
     }
+}
+
+/// Walls that turn so far in a step of the particles that it is lost which way round, and what to do: a sentence for each,
+/// with its place in the scene.
+pub fn wall_warnings(scene: &Scene, geometry: &Geometry) -> Vec<String> {
+    let settings = &scene.settings;
+    let Some(smoke) = settings.smoke.as_ref().filter(|smoke| smoke.grid.is_some()) else { return Vec::new() };
+    let frames = &settings.frames;
+    let grid = TimeGrid { first_frame: frames.first, substeps: smoke.advect.substeps, fps: frames.fps };
+    let oldest = smoke.emitters.iter().map(|e| e.start.max(-e.lifetime * (1.0 + e.lifetime_spread)));
+    let steps = grid.step_before(oldest.fold(0.0, f64::min))..grid.step_of_frame(frames.last);
+    let is_wall = |name: &String| settings.flow.obstacles.contains(name) || settings.flow.holders().any(|n| n == name);
+    let walls = geometry.shapes.iter().filter(|shape| is_wall(&shape.name));
+    let moving = walls.filter_map(|shape| Some((shape, shape.motion.as_ref()?)));
+    let warning = |(shape, motion): (&Shape, &Arc<Motion>)| {
+        let turning = |n: i64| motion.turning(grid.time(n), grid.time(n + 1));
+        let (step, turn) = steps.clone().rev().map(|n| (n, turning(n))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        if turn < HALF_TURN {
+            return None;
+        }
+        // The frame that it leads to.
+        let substeps = i64::from(grid.substeps);
+        let frame = i64::from(frames.first) + (step + substeps).div_euclid(substeps);
+        // Within a step it may be faster than on average.
+        let pieces = (0..PIECES).map(|i| grid.time(step) + grid.step() * f64::from(i) / f64::from(PIECES));
+        let piece = pieces.map(|time| motion.turning(time, time + grid.step() / f64::from(PIECES))).fold(0.0, f64::max);
+        let needed = (piece * f64::from(PIECES) * f64::from(grid.substeps) / HALF_TURN).floor() + 1.0;
+        let advice = match needed <= f64::from(SUBSTEPS_MAX) {
+            true => format!("set `smoke.advect.substeps` to {needed} or more, or let it turn more slowly"),
+            false => "let it turn more slowly".into(),
+        };
+        let (name, degrees) = (&shape.name, turn.to_degrees());
+        Some(format!(
+            "warning: {place}`{name}` turns by {degrees:.0}° in a step of the smoke at frame {frame}, and from half a turn on \
+             it is lost which way round, so that its wall drags the smoke wrongly; {advice}",
+            place = scene.place(&format!("shapes.{name}")),
+        ))
+    };
+    moving.filter_map(warning).collect()
 }
 
 fn check_memory(settings: &Settings, smoke: &settings::Smoke) -> Result<(), ParticlesError> {

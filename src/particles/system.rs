@@ -42,12 +42,12 @@ impl TimeGrid {
         1.0 / (self.fps * f64::from(self.substeps))
     }
 
-    fn step_of_frame(&self, frame: i32) -> i64 {
+    pub(in crate::particles) fn step_of_frame(&self, frame: i32) -> i64 {
         (i64::from(frame) - i64::from(self.first_frame)) * i64::from(self.substeps)
     }
 
     /// The last step that begins at or before a time.
-    fn step_before(&self, time: f64) -> i64 {
+    pub(in crate::particles) fn step_before(&self, time: f64) -> i64 {
         (time * self.fps * f64::from(self.substeps)).floor() as i64
     }
 }

@@ -9,10 +9,12 @@ use crate::inspect::point_file::{PARTICLE_BYTES, particles_ply};
 use crate::output::frames::check_distinct;
 use crate::output::sidecar::Sidecar;
 use crate::output::{self, file};
+use crate::particles;
+use crate::pipeline::assemble::build_geometry;
 use crate::pipeline::frame_files::check_writable;
 use crate::pipeline::heat::kelvin_of_glow;
 use crate::pipeline::smoke::{Besides, FrameSmoke, SmokeSource};
-use crate::pipeline::{build_geometry, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
+use crate::pipeline::{grid_memory_limit, in_scene, parse_pattern, time_of, timed};
 use crate::progress::{Progress, Stage};
 use crate::scene::pattern::Pattern;
 use crate::scene::settings::{VelocityUnits, VolumeGrid};
@@ -55,6 +57,7 @@ pub fn bake(
     let wanted = Wanted::new(scene, job)?;
     let geometry = build_geometry(scene, progress)?;
     files.check_obstacles(scene, job, &geometry)?;
+    particles::wall_warnings(scene, &geometry).iter().for_each(|warning| progress.note(warning));
     let mut smoke = SmokeSource::build(scene, &geometry)?;
     if wanted.has_velocity && scene.settings.frames.shutter != [0.0; 2] {
         progress.note("densities beside velocities are those of each frame's own time, for who reads both to blur");
@@ -130,7 +133,7 @@ impl Files {
         let obstacles = &scene.settings.flow.obstacles;
         if obstacles.is_empty() {
             let problem = "--obstacles: the scene has none; name shapes in flow.obstacles, or leave it out";
-            return Err(Error::Usage(problem.into()));
+            return Err(Error::NotInScene(problem.into()));
         }
         let mut shapes = geometry.shapes.iter().filter(|shape| obstacles.contains(&shape.name));
         if let Some(moving) = shapes.find(|shape| shape.motion.is_some())
@@ -161,7 +164,7 @@ impl Wanted {
         let output = &scene.settings.output;
         let grids = job.grids.as_ref().unwrap_or(&output.volume_grids);
         let from_scene = |problem: &str| {
-            let problem = Error::Usage(problem.into());
+            let problem = Error::NotInScene(problem.into());
             if job.grids.is_some() { problem } else { in_scene(scene, "output.volume_grids", None, problem) }
         };
         if smoke.file.is_some() && !grids.is_empty() {
@@ -181,7 +184,7 @@ impl Wanted {
             return Err(Error::Usage("--velocity-units has no effect without velocities; add --grids velocity".into()));
         }
         if job.particles.is_some() && (smoke.file.is_some() || smoke.advect.batch.is_some()) {
-            return Err(Error::Usage(
+            return Err(Error::NotInScene(
                 "--particles: all particles of a frame are written at once; that needs smoke of particles without \
                  smoke.advect.batch"
                     .into(),
@@ -232,7 +235,7 @@ fn write_obstacles(
     let solids: Vec<_> = solids.filter_map(|shape| shape.sdf.clone()).collect();
     let bounds = solids.iter().filter_map(|solid| solid.bounds()).fold(density.bounds(), |a, b| a.union(&b));
     if bounds.is_empty() {
-        return Err(Error::Usage(format!(
+        return Err(Error::NotInScene(format!(
             "--obstacles: at frame {frame} there is neither smoke nor an obstacle with an end, and a grid has one; leave it out"
         )));
     }

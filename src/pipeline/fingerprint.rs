@@ -9,7 +9,7 @@ use crate::scene::{Scene, settings};
 use std::path::{Path, PathBuf};
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
-const PICTURES: &str = "2026-11-23 g";
+const PICTURES: &str = "2026-11-23 h";
 
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {

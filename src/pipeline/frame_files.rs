@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::math::parallel;
 use crate::output::exr::Layout;
-use crate::output::film_image::{Origin, attributes, image_with};
+use crate::output::film_image::{Origin, attributes, frame_of, image_with};
 use crate::output::image::SampleKind;
 use crate::output::part::{self, Finish, PartFile};
 use crate::output::sidecar::{self, Sidecar, sidecar_path};
@@ -143,7 +143,7 @@ pub(super) fn finish_of(scene: &Scene, view: &View, record: &Sidecar) -> Finish 
         attributes: attributes(record.spp, &view.layers, &origin),
         compression: output.compression.into(),
         layout: output.layout.into(),
-        preview: output.preview.as_ref().map(|_| (output.view.into(), output.exposure_ev)),
+        preview: output.preview.as_ref().map(|_| (output.view, output.exposure_ev)),
     }
 }
 
@@ -205,7 +205,8 @@ pub(super) fn encode(target: &Target, film: Film, finish: Finish) -> Result<Vec<
     let preview = target.preview.as_ref().zip(finish.preview);
     let preview = preview.map(|(path, (view, exposure))| {
         let rgb: Vec<[f32; 3]> = film.pixels.iter().map(|p| p.mean.to_array()).collect();
-        let bytes = png::encode(&rgb, [film.bounds.width(), film.bounds.height()], view, exposure)?;
+        let (size, rgb) = frame_of(&film).shown(&rgb);
+        let bytes = png::encode(&rgb, size, view, exposure)?;
         Ok::<_, OutputError>((path.clone(), bytes))
     });
     let preview = preview.transpose()?;

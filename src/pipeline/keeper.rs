@@ -1,11 +1,11 @@
 //! Keeps what is done of a frame while it is made: checkpoints to go on from, and pictures of it for whoever asks.
 
 use crate::output::OutputError;
+use crate::output::View as ScreenView;
 use crate::output::exr::Layout;
 use crate::output::file::write_atomic;
 use crate::output::part::{self, Finish, Head, PartFile};
 use crate::output::sidecar::Sidecar;
-use crate::output::view::View as ScreenView;
 use crate::pipeline::frame_files::{OutputFiles, Target, encode, finish_of};
 use crate::pipeline::{RenderJob, memory_limit};
 use crate::progress::Progress;

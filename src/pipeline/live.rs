@@ -7,17 +7,19 @@ use crate::error::Error;
 use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
 use crate::grid::means::MeanGrid;
-use crate::output::sidecar::Sidecar;
+use crate::output::sidecar::{GridFigures, MassFigures, Sidecar};
+use crate::particles;
+use crate::pipeline::assemble::{
+    Exposure, build_geometry, build_medium, load_lights, load_textures, placed, smoke_heat, world_of,
+};
 use crate::pipeline::inputs::{Inputs, Part};
 use crate::pipeline::smoke::{FrameSmoke, SmokeSource};
+use crate::pipeline::studio::trace;
 use crate::pipeline::volumes::VolumeSources;
-use crate::pipeline::{
-    build_geometry, build_medium, check_camera, frame_motion, in_render, load_picture, load_textures, memory_limit,
-    shutter_of, smoke_heat, time_of,
-};
+use crate::pipeline::{Photographer, check_camera, time_of};
 use crate::progress::{Progress, Stage};
 use crate::render::film::{Film, PixelBounds};
-use crate::render::layers::Layer;
+use crate::render::ledger::Ledger;
 use crate::render::light::Light;
 use crate::render::media::{Media, Volume};
 use crate::render::medium::Medium;
@@ -27,6 +29,7 @@ use crate::render::tiles::View;
 use crate::render::world::World;
 use crate::render::{self, TextureStore};
 use crate::scene::Scene;
+use std::time::Instant;
 
 /// Edges of the squares in which a picture is first seen [pixels].
 const GLANCES: [u32; 3] = [8, 4, 2];
@@ -47,9 +50,13 @@ impl<K, T> Default for Slot<K, T> {
 }
 
 impl<K: PartialEq, T> Slot<K, T> {
+    fn is_made_from(&self, key: &K) -> bool {
+        self.held.as_ref().is_some_and(|(held, _)| held == key)
+    }
+
     /// Makes the part unless it was made from this very thing.
     fn renew(&mut self, key: K, make: impl FnOnce() -> Result<T, Error>) -> Result<bool, Error> {
-        if self.held.as_ref().is_some_and(|(held, _)| *held == key) {
+        if self.is_made_from(&key) {
             return Ok(false);
         }
         self.held = None;
@@ -99,6 +106,18 @@ pub struct LiveStudio {
     camera_warning: Option<String>,
     /// How many lights of `world` are the scene's own, before shapes that shine.
     own_lights: usize,
+    /// Of the density.
+    density_figures: Figures,
+    /// Of the volumes alone.
+    volume_figures: GridFigures,
+}
+
+/// What a sidecar tells of parts that may be kept.
+#[derive(Clone, Copy, Default)]
+struct Figures {
+    particles: u64,
+    grid: GridFigures,
+    mass: MassFigures,
 }
 
 impl LiveStudio {
@@ -107,10 +126,22 @@ impl LiveStudio {
     /// # Errors
     /// The first that any stage meets. Parts that were made before it are kept.
     pub fn prepare(&mut self, scene: &Scene, frame: i32, progress: &dyn Progress) -> Result<Vec<Part>, Error> {
+        self.prepare_noting(scene, frame, progress, &mut Sidecar::default())
+    }
+
+    /// As [`LiveStudio::prepare`], and notes in `record` what of it is told there: the time that was taken, and the size of what
+    /// there is.
+    fn prepare_noting(
+        &mut self,
+        scene: &Scene,
+        frame: i32,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<Vec<Part>, Error> {
+        let start = Instant::now();
         let mut made = Vec::new();
         let mut note = |part: Part, is_made: bool| made.extend(is_made.then_some(part));
         let inputs = |part| Inputs::of(part, scene, frame);
-        let record = &mut Sidecar::default();
         self.dismantle();
         let time = time_of(scene, frame);
         check_camera(scene, &[frame])?;
@@ -123,8 +154,7 @@ impl LiveStudio {
             self.camera_warning = warning;
         }
         let place = || {
-            let shutter = shutter_of(scene, geometry, time);
-            let geometry = if geometry.moves() { geometry.at_shutter(&shutter) } else { geometry.clone() };
+            let geometry = placed(scene, geometry, time);
             let surfaces = Some(geometry.trace_scene()?);
             Ok(Placed { geometry, surfaces })
         };
@@ -133,17 +163,34 @@ impl LiveStudio {
         note(Part::Textures, self.textures.renew(inputs(Part::Textures)?, || load_textures(scene))?);
         note(Part::Lights, self.lights.renew(inputs(Part::Lights)?, || load_lights(scene, time).map(Some))?);
 
+        record.add_time(Stage::Geometry, start.elapsed());
+
         let has_smoke = scene.settings.smoke.is_some();
         let build = || SmokeSource::build(scene, geometry);
         let is_new = self.particles.renew(inputs(Part::Particles)?, build)?;
         note(Part::Particles, is_new && has_smoke);
+        if is_new {
+            particles::wall_warnings(scene, geometry).iter().for_each(|warning| progress.note(warning));
+        }
         let particles = self.particles.generation;
         let source = self.particles.get_mut()?;
+        let key = (inputs(Part::Density)?, particles);
+        if !self.density.is_made_from(&key) {
+            // Two densities might not fit into memory together.
+            self.medium.held = None;
+        }
         let splat = || source.grid(scene, frame, smoke_heat(scene), progress, record);
-        let is_new = self.density.renew((inputs(Part::Density)?, particles), splat)?;
+        let is_new = self.density.renew(key, splat)?;
         note(Part::Density, is_new && has_smoke);
+        if is_new {
+            self.density_figures = Figures { particles: record.particles, grid: record.grid, mass: record.mass };
+        } else {
+            let kept = self.density_figures;
+            (record.particles, record.grid, record.mass) = (kept.particles, kept.grid, kept.mass);
+        }
+        let start = Instant::now();
         let key = (inputs(Part::Medium)?, self.density.generation);
-        if self.medium.held.as_ref().is_none_or(|(held, _)| *held != key) {
+        if !self.medium.is_made_from(&key) {
             let last = self.medium.held.take().and_then(|(_, medium)| medium);
             let smoke = match last {
                 // The density is that of the last medium.
@@ -162,10 +209,21 @@ impl LiveStudio {
             self.medium.held = Some((key, medium?.flatten()));
             note(Part::Medium, has_smoke);
         }
+        record.add_time(Stage::Grid, start.elapsed());
+        let before = record.grid;
         let fill = || VolumeSources::build(scene, geometry)?.at_frame(scene, geometry, frame, progress, record);
         let has_volumes = !scene.settings.volumes.is_empty();
         let is_new = self.volumes.renew((inputs(Part::Volumes)?, if has_volumes { shapes } else { 0 }), fill)?;
         note(Part::Volumes, is_new && has_volumes);
+        if is_new {
+            self.volume_figures = GridFigures {
+                active_voxels: record.grid.active_voxels - before.active_voxels,
+                bytes: record.grid.bytes - before.bytes,
+            };
+        } else {
+            record.grid.active_voxels += self.volume_figures.active_voxels;
+            record.grid.bytes += self.volume_figures.bytes;
+        }
 
         self.assemble(scene, time)?;
         Ok(made)
@@ -186,12 +244,10 @@ impl LiveStudio {
         show: &mut dyn FnMut(Film, u32),
     ) -> Result<(), Error> {
         let world = self.world.as_ref().ok_or_else(not_ready)?;
-        let mut view = View { adaptive: None, time_limit: None, ..render::build_view(scene, frame, crop) };
-        let media = Media::new(self.medium.get()?.as_ref(), self.volumes.get()?);
-        let time = time_of(scene, frame);
+        let view = View { adaptive: None, time_limit: None, ..render::build_view(scene, frame, crop) };
         let (geometry, source) = (self.shapes.get()?, self.particles.get()?);
-        render::take_time(&mut view, scene, shutter_of(scene, geometry, time));
-        let motion = view.layers.contains(&Layer::Motion).then(|| frame_motion(scene, geometry, source, time));
+        let Exposure { view, media, motion } =
+            Exposure::new(scene, frame, view, geometry, source, self.medium.get()?.as_ref(), self.volumes.get()?);
         let mut passes = Passes::new(&view, world, media, self.shadows.get()?, motion.as_ref());
         progress.begin(Stage::Render, view.bounds.area() as u64 * u64::from(view.spp));
         if view.bounds.area() > GLANCED_PIXELS {
@@ -222,11 +278,10 @@ impl LiveStudio {
     /// Puts surfaces, materials and lights together, and works out how much of each sun reaches where.
     fn assemble(&mut self, scene: &Scene, time: f64) -> Result<(), Error> {
         let Placed { geometry, surfaces } = self.placed.get_mut()?;
-        let materials = render::build_materials(scene, geometry, self.textures.get_mut()?, time);
         let lights = self.lights.get_mut()?.take().ok_or_else(not_ready)?;
         let surfaces = surfaces.take().ok_or_else(not_ready)?;
         self.own_lights = lights.len();
-        let world = render::assemble_world(scene, geometry, surfaces, lights, materials, time);
+        let world = world_of(scene, geometry, surfaces, lights, self.textures.get_mut()?, time);
         let media = Media::new(self.medium.get()?.as_ref(), self.volumes.get()?);
         let parts =
             [self.medium.generation, self.volumes.generation, self.lights.generation, world.lights.len() as u64];
@@ -236,7 +291,22 @@ impl LiveStudio {
     }
 }
 
-fn load_lights(scene: &Scene, time: f64) -> Result<Vec<Light>, Error> {
-    render::build_lights(scene, time, &|path| load_picture(path, memory_limit(scene)).map_err(Into::into))
-        .map_err(|e| in_render(scene, e))
+/// Takes the very picture that `render` would, with all that is kept from the last one.
+impl Photographer for LiveStudio {
+    fn take_picture(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        frame: i32,
+        ledger: &Ledger,
+        progress: &dyn Progress,
+        record: &mut Sidecar,
+    ) -> Result<u32, Error> {
+        self.prepare_noting(scene, frame, progress, record)?;
+        let world = self.world.as_ref().ok_or_else(not_ready)?;
+        let (medium, volumes) = (self.medium.get()?.as_ref(), self.volumes.get()?);
+        let (geometry, source) = (self.shapes.get()?, self.particles.get()?);
+        let exposure = Exposure::new(scene, frame, view.clone(), geometry, source, medium, volumes);
+        trace(&exposure, world, frame, ledger, progress, record)
+    }
 }

@@ -1,11 +1,11 @@
 //! A page that shows what became of a suite: one file, which asks the network for nothing.
 
 use crate::error::Error;
+use crate::output::View;
 use crate::output::compare::Finding;
 use crate::output::image::Image;
 use crate::output::layers::BEAUTY;
 use crate::output::png;
-use crate::output::view::View;
 use crate::output::{OutputError, heat_map};
 use crate::regress::judge::LayerJudgement;
 use crate::regress::junit::escaped;

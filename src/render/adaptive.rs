@@ -59,7 +59,6 @@ mod tests {
         for _ in 0..count {
             let x = if rng.uniform() < 0.02 { 40.2 } else { 0.2 };
             sum.add(&[], &Contribution { radiance: Vec3::splat(x), ..Default::default() });
-            sum.settle();
         }
     }
 

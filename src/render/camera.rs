@@ -163,6 +163,13 @@ impl Camera {
         }
     }
 
+    /// Turns motion seen at a row of pixels as the rows go there: beyond a pole, where what sees all directions goes on over
+    /// it, they go down for what goes up.
+    pub fn along_rows(&self, way: Vec3, y: i32) -> Vec3 {
+        let is_over = self.projection == Projection::LatLong && !(0.0..self.resolution.y).contains(&(y as f32));
+        if is_over { way * Vec3::new(1.0, -1.0, 1.0) } else { way }
+    }
+
     /// Where the camera is.
     pub fn position(&self) -> WorldPoint {
         self.position

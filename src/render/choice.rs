@@ -17,9 +17,9 @@ const WEIGHED_ALL: usize = 32;
 /// How lights are chosen.
 #[derive(Debug)]
 pub struct LightChoice {
-    /// Running sums of the probability of each light, as seen from the middle of the scene. All there is where no more
-    /// than one light has a choice that depends on the point.
-    fixed: Vec<f32>,
+    /// Running sums of the probability of each light without a place. All there is where no light has one.
+    far: Vec<f32>,
+    /// The light to ask where there is but one.
     only: Option<usize>,
     near: Option<Near>,
 }
@@ -46,12 +46,10 @@ struct Group {
 }
 
 impl LightChoice {
-    /// Weighs `lights`; `center` is the middle of what is lit.
-    pub fn new(lights: &[Light], center: WorldPoint) -> Self {
+    /// Weighs `lights`.
+    pub fn new(lights: &[Light]) -> Self {
         let is_near = |light: &Light| light.place().is_some() && light.is_worth_sampling();
-        let share = |light: &Light| {
-            if light.is_worth_sampling() { light.rough_irradiance(center).sqrt() } else { 0.0 }
-        };
+        let share = |light: &Light| if light.is_worth_sampling() { light.far_irradiance().sqrt() } else { 0.0 };
         let shares: Vec<f32> = lights.iter().map(share).collect();
         let total: f32 = shares.iter().sum();
         let mut sum = 0.0;
@@ -59,11 +57,12 @@ impl LightChoice {
             sum += if total > 0.0 { share / total } else { 0.0 };
             sum
         };
-        let fixed = shares.iter().map(running).collect();
-        let asked = shares.iter().filter(|&&share| share > 0.0).count();
-        let near = (asked > 1 && lights.iter().any(is_near)).then(|| Near::new(lights, &shares, is_near));
-        let only = shares.iter().position(|&share| share > 0.0).filter(|_| asked == 1);
-        Self { fixed, only, near }
+        let far = shares.iter().map(running).collect();
+        let is_asked = |&i: &usize| shares[i] > 0.0 || lights[i].peak_intensity() > 0.0;
+        let asked: Vec<usize> = (0..lights.len()).filter(is_asked).collect();
+        let near = (asked.len() > 1 && lights.iter().any(is_near)).then(|| Near::new(lights, &shares, is_near));
+        let only = if let [only] = asked[..] { Some(only) } else { None };
+        Self { far, only, near }
     }
 
     /// The light that is chosen whatever the point and the number, where there is but one to choose.
@@ -80,16 +79,16 @@ impl LightChoice {
         if let Some(near) = &self.near {
             return near.choose(lights, at, u);
         }
-        self.choose_fixed(u)
+        self.choose_far(u)
     }
 
-    fn choose_fixed(&self, u: f32) -> Option<(usize, f32)> {
-        let last = *self.fixed.last()?;
+    fn choose_far(&self, u: f32) -> Option<(usize, f32)> {
+        let last = *self.far.last()?;
         if last <= 0.0 {
             return None;
         }
-        let i = self.fixed.partition_point(|&c| c <= u * last).min(self.fixed.len() - 1);
-        Some((i, self.fixed_pmf(i)))
+        let i = self.far.partition_point(|&c| c <= u * last).min(self.far.len() - 1);
+        Some((i, self.far_pmf(i)))
     }
 
     /// Probability of choosing light `i` at a lit point.
@@ -98,12 +97,12 @@ impl LightChoice {
         if let Some(only) = self.only {
             return if i == only { 1.0 } else { 0.0 };
         }
-        self.near.as_ref().map_or_else(|| self.fixed_pmf(i), |near| near.pmf(lights, at, i))
+        self.near.as_ref().map_or_else(|| self.far_pmf(i), |near| near.pmf(lights, at, i))
     }
 
     #[inline]
-    fn fixed_pmf(&self, i: usize) -> f32 {
-        self.fixed[i] - if i == 0 { 0.0 } else { self.fixed[i - 1] }
+    fn far_pmf(&self, i: usize) -> f32 {
+        self.far[i] - if i == 0 { 0.0 } else { self.far[i - 1] }
     }
 }
 
@@ -276,7 +275,7 @@ mod tests {
     fn lights_are_chosen_as_often_as_their_probability_says() {
         for (count, with_far) in [(1, true), (2, false), (20, true), (64, false), (200, true)] {
             let lights = lamps(count, with_far);
-            let choice = LightChoice::new(&lights, WorldPoint::default());
+            let choice = LightChoice::new(&lights);
             for at in [WorldPoint::new(0.3, -0.2, 0.9), WorldPoint::new(-3.0, -4.0, 8.0)] {
                 let n = 40_000;
                 let mut counts = vec![0.0; lights.len()];
@@ -340,9 +339,9 @@ mod tests {
         for count in [64, 1000] {
             let lights: Vec<Light> =
                 lamps(count * 5 / 4, false).into_iter().filter(|l| matches!(l, Light::Point { .. })).collect();
-            let choice = LightChoice::new(&lights, WorldPoint::default());
+            let choice = LightChoice::new(&lights);
             let weighed = relative_variance(&lights, |at, i| choice.pmf(&lights, at, i));
-            let once = relative_variance(&lights, |_, i| choice.fixed_pmf(i));
+            let once = relative_variance(&lights, |_, i| choice.far_pmf(i));
             let start = std::time::Instant::now();
             let n = 20_000;
             let sum: f32 = (0..n)
@@ -362,7 +361,7 @@ mod tests {
     fn what_gives_light_can_be_chosen() {
         for count in [3, 40, 150] {
             let lights = lamps(count, true);
-            let choice = LightChoice::new(&lights, WorldPoint::default());
+            let choice = LightChoice::new(&lights);
             let mut rng = CounterRng::new(Seed(5));
             for _ in 0..200 {
                 let at = WorldPoint(Vec3::from([0; 3].map(|_| rng.uniform() * 20.0 - 10.0)));
@@ -379,7 +378,7 @@ mod tests {
         let sky = || Light::Environment(Environment::constant(Vec3::ONE, true));
         let sun = |e: f32| Light::Sun(Sun::new(-UnitVec3::Y, Vec3::splat(e), 0.0, false));
         for lights in [vec![sun(1.0), sun(4.0), sky()], vec![sky(), lamps(1, false).remove(0)]] {
-            let choice = LightChoice::new(&lights, WorldPoint::default());
+            let choice = LightChoice::new(&lights);
             assert!(choice.near.is_none());
             let pmf = |x: f32, i: usize| choice.pmf(&lights, WorldPoint::new(x, 0.0, 0.0), i);
             for i in 0..lights.len() {
@@ -387,7 +386,7 @@ mod tests {
             }
         }
         let two = [sun(1.0), sun(4.0), sky()];
-        let choice = LightChoice::new(&two, WorldPoint::default());
+        let choice = LightChoice::new(&two);
         assert!((choice.pmf(&two, WorldPoint::default(), 0) - 1.0 / 3.0).abs() < 1e-6);
         assert!(choice.choose(&[sky()], WorldPoint::default(), 0.5).is_some());
     }

@@ -2,6 +2,7 @@
 //!
 //! The picture's middle is −z, its top +y; longitude grows to the right (so +x is three quarters along).
 
+use crate::math::circle::on_circle;
 use crate::math::space::UnitVec3;
 use crate::render::color::{Rgb, luminance};
 use glam::Vec3;
@@ -113,9 +114,8 @@ impl Environment {
         match &self.content {
             Content::Constant(radiance) => {
                 let z = 1.0 - 2.0 * u[0];
-                let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-                let r = (1.0 - z * z).max(0.0).sqrt();
-                let direction = UnitVec3::new_unchecked(Vec3::new(r * cos_phi, z, r * sin_phi));
+                let level = (1.0 - z * z).max(0.0).sqrt() * on_circle(u[1]);
+                let direction = UnitVec3::new_unchecked(Vec3::new(level.x, z, level.y));
                 EnvironmentSample { direction, radiance: *radiance, pdf: 0.25 * FRAC_1_PI }
             }
             Content::Picture(picture) => {

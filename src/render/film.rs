@@ -1,6 +1,6 @@
 //! What the camera saw: mean and variance for each pixel, and the further layers.
 
-use crate::math::exact_sum::{CARRY_AFTER, ExactSquares, ExactSum};
+use crate::math::exact_sum::ExactSums;
 use crate::math::space::WorldPoint;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::Coverage;
@@ -8,38 +8,69 @@ use crate::render::layers::{Layer, LayerSums, Middle};
 use crate::render::light_path::{FirstEvent, GROUP_MAX, Passage};
 use glam::Vec3;
 
-/// A rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
+/// A rectangle of pixels: columns `x0..x1`, rows `y0..y1`, counted from the top left of the frame; those of overscan to the
+/// left of the frame and above it are negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelBounds {
     /// First column.
-    pub x0: u32,
+    pub x0: i32,
     /// First row.
-    pub y0: u32,
+    pub y0: i32,
     /// One past the last column.
-    pub x1: u32,
+    pub x1: i32,
     /// One past the last row.
-    pub y1: u32,
+    pub y1: i32,
 }
 
 impl PixelBounds {
-    /// All pixels of a picture.
+    /// All pixels of a frame.
+    ///
+    /// # Panics
+    /// Where it is wider or higher than numbers of pixels go, 2³¹.
     pub fn whole(resolution: [u32; 2]) -> Self {
-        Self { x0: 0, y0: 0, x1: resolution[0], y1: resolution[1] }
+        let [x1, y1] = resolution.map(|n| i32::try_from(n).expect("no frame is so large"));
+        Self { x0: 0, y0: 0, x1, y1 }
+    }
+
+    /// With so many pixels more at the left, right, top and bottom.
+    pub fn grown(&self, [left, right, top, bottom]: [u32; 4]) -> Self {
+        Self {
+            x0: self.x0.saturating_sub_unsigned(left),
+            y0: self.y0.saturating_sub_unsigned(top),
+            x1: self.x1.saturating_add_unsigned(right),
+            y1: self.y1.saturating_add_unsigned(bottom),
+        }
+    }
+
+    /// The pixels that are in both, if any are.
+    pub fn common(&self, other: &Self) -> Option<Self> {
+        let common = Self {
+            x0: self.x0.max(other.x0),
+            y0: self.y0.max(other.y0),
+            x1: self.x1.min(other.x1),
+            y1: self.y1.min(other.y1),
+        };
+        (common.x0 < common.x1 && common.y0 < common.y1).then_some(common)
     }
 
     /// Columns.
     pub fn width(&self) -> u32 {
-        self.x1 - self.x0
+        self.x1.abs_diff(self.x0)
     }
 
     /// Rows.
     pub fn height(&self) -> u32 {
-        self.y1 - self.y0
+        self.y1.abs_diff(self.y0)
     }
 
     /// Whether a pixel is one of them.
-    pub fn contains(&self, x: u32, y: u32) -> bool {
+    pub fn contains(&self, x: i32, y: i32) -> bool {
         (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
+    }
+
+    /// Number of a pixel among them, row after row.
+    pub fn index(&self, x: i32, y: i32) -> usize {
+        y.abs_diff(self.y0) as usize * self.width() as usize + x.abs_diff(self.x0) as usize
     }
 
     /// Pixels.
@@ -158,41 +189,16 @@ impl Contribution {
 #[derive(Debug, Clone, Default)]
 pub struct Moments {
     count: u32,
-    sums: [ExactSum; 3],
-    squares: [ExactSquares; 3],
-    /// Paths that are yet to be added to the sums, of which there are `waiting`: several at once cost less.
-    pending: [Rgb; PENDING],
-    waiting: usize,
-    /// What the first path brought, and whether another one may have brought something else.
-    first: Rgb,
-    varies: bool,
+    /// Of three channels, and then of their squares.
+    sums: ExactSums<6>,
 }
-
-/// Most paths that wait to be added.
-const PENDING: usize = 16;
 
 impl Moments {
     #[inline]
     fn add(&mut self, radiance: Rgb) {
-        if self.count == 0 {
-            self.first = radiance;
-        }
-        self.varies |= radiance != self.first;
         self.count += 1;
-        self.pending[self.waiting] = radiance;
-        self.waiting += 1;
-        if self.waiting == PENDING {
-            self.settle();
-        }
-    }
-
-    /// Adds what is waiting.
-    #[inline(never)]
-    fn settle(&mut self) {
-        for (channel, (squares, sum)) in self.squares.iter_mut().zip(&mut self.sums).enumerate() {
-            self.pending[..self.waiting].iter().for_each(|x| squares.add_both(sum, x[channel]));
-        }
-        self.waiting = 0;
+        let [x, y, z] = [f64::from(radiance.x), f64::from(radiance.y), f64::from(radiance.z)];
+        self.sums.add([x, y, z, x * x, y * y, z * z]);
     }
 
     /// Paths.
@@ -204,9 +210,9 @@ impl Moments {
     /// Mean radiance.
     #[inline]
     pub fn mean(&self) -> Rgb {
-        debug_assert_eq!(self.waiting, 0, "sums are read once all is added");
         let n = f64::from(self.count.max(1));
-        Rgb::from_array(self.sums.map(|sum| (sum.to_f64() / n) as f32))
+        let [x, y, z, ..] = self.sums.to_f64().map(|sum| (sum / n) as f32);
+        Rgb::new(x, y, z)
     }
 
     /// Estimated variance of the mean; with one path it is unknown and stands as infinite.
@@ -215,11 +221,8 @@ impl Moments {
         if self.count < 2 {
             return Rgb::INFINITY;
         }
-        if !self.varies {
-            return Rgb::ZERO;
-        }
-        let spread = |i: usize| self.squares[i].spread(&self.sums[i], self.count);
-        Rgb::from_array([0, 1, 2].map(|i| (spread(i) / (n * n * (n - 1.0))) as f32))
+        let variance = |i: usize| (self.sums.spread(i, 3 + i, self.count) / (n * n * (n - 1.0))) as f32;
+        Rgb::from_array([0, 1, 2].map(variance))
     }
 }
 
@@ -231,7 +234,7 @@ pub struct PixelSum {
     covered: u32,
     /// Paths that met shadow catchers, and the sums of what they brought.
     caught: u32,
-    shadow: [ExactSum; 2],
+    shadow: ExactSums<2>,
     coverage: Coverage,
     layers: LayerSums,
 }
@@ -243,7 +246,7 @@ impl PixelSum {
             moments: Moments::default(),
             covered: 0,
             caught: 0,
-            shadow: [ExactSum::default(); 2],
+            shadow: Default::default(),
             coverage: Coverage::default(),
             layers: LayerSums::new(layers),
         }
@@ -259,34 +262,9 @@ impl PixelSum {
         }
         if let Some(shadow) = path.shadow {
             self.caught += 1;
-            self.shadow.iter_mut().zip(shadow).for_each(|(sum, x)| sum.add(x));
+            self.shadow.add(shadow.map(f64::from));
         }
         self.layers.add(layers, path);
-        if self.moments.count.is_multiple_of(CARRY_AFTER) {
-            self.carry();
-        }
-    }
-
-    /// Makes ready for being read, after the last path.
-    #[inline]
-    pub fn settle(&mut self) {
-        self.moments.settle();
-    }
-
-    #[cold]
-    fn carry(&mut self) {
-        self.moments.settle();
-        self.moments.squares.iter_mut().for_each(ExactSquares::carry);
-        self.sums_mut().for_each(ExactSum::carry);
-    }
-
-    fn sums(&self) -> impl Iterator<Item = &ExactSum> {
-        self.moments.sums.iter().chain(&self.shadow).chain(self.layers.0.iter().flatten())
-    }
-
-    fn sums_mut(&mut self) -> impl Iterator<Item = &mut ExactSum> {
-        let layers = self.layers.0.iter_mut().flatten();
-        self.moments.sums.iter_mut().chain(&mut self.shadow).chain(layers)
     }
 
     /// Adds the paths of another part of the same pixel, with the same layers.
@@ -294,30 +272,27 @@ impl PixelSum {
     /// # Panics
     /// When they have more than 2³² paths together.
     pub fn merge(&mut self, other: &Self) {
-        let moments = &mut self.moments;
-        if moments.count == 0 {
-            moments.first = other.moments.first;
-        }
-        moments.varies |= other.moments.varies || (other.moments.count > 0 && other.moments.first != moments.first);
-        moments.count = moments.count.checked_add(other.moments.count).expect("no picture has so many paths a pixel");
-        moments.squares.iter_mut().zip(&other.moments.squares).for_each(|(sum, more)| sum.merge(more));
+        let (moments, more) = (&mut self.moments, &other.moments);
+        moments.count = moments.count.checked_add(more.count).expect("no picture has so many paths a pixel");
+        moments.sums.merge(&more.sums);
+        self.shadow.merge(&other.shadow);
         self.covered = self.covered.saturating_add(other.covered);
         self.caught = self.caught.saturating_add(other.caught);
         for (shape_idx, count) in other.coverage.counts() {
             self.coverage.add(shape_idx, count);
         }
-        self.sums_mut().zip(other.sums()).for_each(|(sum, more)| sum.merge(more));
+        self.layers.0.iter_mut().zip(&other.layers.0).for_each(|(sums, more)| sums.merge(more));
     }
 
     /// Writes all of it at the end of `out`.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        debug_assert_eq!(self.moments.waiting, 0, "sums are written once all is added");
         let coverage = self.coverage.counts();
         let numbers = [self.moments.count, self.covered, self.caught, coverage.len() as u32].into_iter();
         let numbers = numbers.chain(coverage.flat_map(|(shape_idx, count)| [shape_idx, count]));
         numbers.for_each(|n| out.extend(n.to_le_bytes()));
-        self.moments.squares.iter().for_each(|sum| sum.encode(out));
-        self.sums().for_each(|sum| sum.encode(out));
+        self.moments.sums.encode(out);
+        self.shadow.encode(out);
+        self.layers.0.iter().for_each(|sums| sums.encode(out));
     }
 
     /// Reads what [`encode`](Self::encode) has written, with the same layers, and leaves `bytes` after it; `None` where it is
@@ -329,8 +304,6 @@ impl PixelSum {
             Some(u32::from_le_bytes(*first))
         };
         let mut sum = Self::new(layers);
-        // What the first path brought is not written.
-        sum.moments.varies = true;
         (sum.moments.count, sum.covered, sum.caught) = (number(bytes)?, number(bytes)?, number(bytes)?);
         let names = layers
             .iter()
@@ -342,11 +315,10 @@ impl PixelSum {
             }
             sum.coverage.add(shape_idx, count);
         }
-        for squares in &mut sum.moments.squares {
-            *squares = ExactSquares::decode(bytes)?;
-        }
-        for digits in sum.sums_mut() {
-            *digits = ExactSum::decode(bytes)?;
+        sum.moments.sums = ExactSums::decode(bytes)?;
+        sum.shadow = ExactSums::decode(bytes)?;
+        for sums in &mut sum.layers.0 {
+            *sums = ExactSums::decode(bytes)?;
         }
         Some(sum)
     }
@@ -374,7 +346,7 @@ impl PixelSum {
     /// Share of light that shadows take from catchers, from the means of all paths that met one: the mean of ratios would
     /// be another number. Places without any light have no shadow.
     fn shadow(&self) -> f64 {
-        let [lit, unshadowed] = self.shadow.map(|sum| sum.to_f64());
+        let [lit, unshadowed] = self.shadow.to_f64();
         if unshadowed > 0.0 { (1.0 - lit / unshadowed).clamp(0.0, 1.0) } else { 0.0 }
     }
 
@@ -389,9 +361,9 @@ impl PixelSum {
 /// The finished picture.
 #[derive(Debug, Clone)]
 pub struct Film {
-    /// Size of the whole picture.
+    /// Size of the frame.
     pub resolution: [u32; 2],
-    /// Which part of it was rendered.
+    /// Which pixels were rendered.
     pub bounds: PixelBounds,
     /// The pixels of that part, top row first.
     pub pixels: Vec<Pixel>,
@@ -444,7 +416,6 @@ mod tests {
                 &Contribution { radiance: Vec3::splat(x), is_covered: x < 3.0, bounces: 3, ..Default::default() },
             );
         }
-        sum.settle();
         let pixel = sum.finish();
         let mut data = Vec::new();
         sum.finish_layers(&layers, None, &mut data);

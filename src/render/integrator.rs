@@ -154,15 +154,8 @@ impl<'a> Integrator<'a> {
                     (None, Some(hit)) => {
                         let material = &self.world.materials[hit.shape_idx as usize];
                         let is_front = hit.normal.dot(*ray.direction) < 0.0;
-                        let point = match self.moment.of(hit.shape_idx) {
-                            None => material.seen(hit.position, hit.shading_normal, is_front),
-                            // Patterns move with the shape.
-                            Some(carried) => material.seen(
-                                carried.back(hit.position),
-                                carried.direction_back(hit.shading_normal),
-                                is_front,
-                            ),
-                        };
+                        let (place, normal) = self.moment.at_rest(&hit);
+                        let point = material.seen(place, normal, is_front);
                         match material.sight {
                             Sight::Hole if bounce == 0 => return,
                             Sight::Shadow if bounce == 0 => {

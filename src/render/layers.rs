@@ -4,7 +4,7 @@
 //! things is the depth of neither) are taken along the ray through the pixel's middle.
 
 use crate::geometry::embree::Ray;
-use crate::math::exact_sum::ExactSum;
+use crate::math::exact_sum::ExactSums;
 use crate::render::camera::Camera;
 use crate::render::color::Rgb;
 use crate::render::cryptomatte::{self, Coverage};
@@ -213,7 +213,7 @@ impl Middle {
 
 /// Sums of what the paths of a pixel bring to further layers.
 #[derive(Debug, Clone)]
-pub struct LayerSums(pub Vec<[ExactSum; 3]>);
+pub struct LayerSums(pub Vec<ExactSums<3>>);
 
 impl LayerSums {
     /// Nothing yet.
@@ -224,11 +224,11 @@ impl LayerSums {
     /// Adds one path.
     #[inline]
     pub fn add(&mut self, layers: &[Layer], path: &Contribution) {
-        for (sums, layer) in self.0.iter_mut().zip(layers) {
+        for (i, layer) in layers.iter().enumerate() {
             let value = layer.of_path(path);
             // Layers that are no means have none, and of ways of light a path goes few.
             if value != Vec3::ZERO {
-                sums.iter_mut().zip(value.to_array()).for_each(|(sum, x)| sum.add(x));
+                self.0[i].add(value.to_array().map(f64::from));
             }
         }
     }
@@ -236,7 +236,7 @@ impl LayerSums {
     /// Means over `count` paths.
     pub fn means(&self, count: u32) -> impl Iterator<Item = Rgb> + '_ {
         let n = f64::from(count.max(1));
-        self.0.iter().map(move |sums| Rgb::from_array(sums.map(|sum| (sum.to_f64() / n) as f32)))
+        self.0.iter().map(move |sums| Rgb::from_array(sums.to_f64().map(|sum| (sum / n) as f32)))
     }
 }
 

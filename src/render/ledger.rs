@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// What a picture is cut into tiles by; equal for all parts of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Canvas {
-    /// Size of the whole picture [pixels].
+    /// Size of the frame [pixels].
     pub resolution: [u32; 2],
-    /// Which part of it is rendered.
+    /// Which pixels are rendered.
     pub bounds: PixelBounds,
     /// Edge of a tile [pixels].
     pub edge: u32,
@@ -94,11 +94,11 @@ impl Canvas {
     pub fn tiles(&self) -> Vec<PixelBounds> {
         let (bounds, edge) = (self.bounds, self.edge);
         let rows = (bounds.y0..bounds.y1).step_by(edge as usize);
-        let tile = move |x0: u32, y0: u32| PixelBounds {
+        let tile = move |x0: i32, y0: i32| PixelBounds {
             x0,
             y0,
-            x1: x0.saturating_add(edge).min(bounds.x1),
-            y1: y0.saturating_add(edge).min(bounds.y1),
+            x1: x0.saturating_add_unsigned(edge).min(bounds.x1),
+            y1: y0.saturating_add_unsigned(edge).min(bounds.y1),
         };
         rows.flat_map(|y0| (bounds.x0..bounds.x1).step_by(edge as usize).map(move |x0| tile(x0, y0))).collect()
     }
@@ -138,8 +138,7 @@ impl Canvas {
             paths.add(&tile.counts);
             let tile_width = bounds.width() as usize;
             for row in 0..bounds.height() as usize {
-                let start = (bounds.y0 - self.bounds.y0) as usize + row;
-                let at = start * width + (bounds.x0 - self.bounds.x0) as usize;
+                let at = self.bounds.index(bounds.x0, bounds.y0) + row * width;
                 let own = row * tile_width;
                 pixels[at..at + tile_width].copy_from_slice(&own_pixels[own..own + tile_width]);
                 layer_data[at * channels..(at + tile_width) * channels]

@@ -196,19 +196,13 @@ impl Light {
         intensity / d_sq
     }
 
-    /// A rough irradiance [W/m²] at `center` of a scene: its share when one light is chosen among several.
-    pub fn rough_irradiance(&self, center: WorldPoint) -> f32 {
-        let by_distance = |p: WorldPoint| 1.0 / (p - center).length_squared().max(NEAREST_SQ);
-        // No light of an extent gives more than π times its radiance, however near and large it is.
-        let of_disk = |radiance: Rgb, area: f32, p: WorldPoint| luminance(radiance) * (area * by_distance(p)).min(PI);
+    /// A rough irradiance [W/m²] of a light that has no place, which is alike everywhere: its share when one light is chosen
+    /// among several. 0 of others.
+    pub fn far_irradiance(&self) -> f32 {
         match self {
             Light::Sun(sun) => luminance(sun.irradiance()),
             Light::Environment(environment) => PI * environment.mean_luminance(),
-            Light::Panel(p) => of_disk(p.radiance(), p.area(), p.center()),
-            Light::Ball(b) => of_disk(b.radiance(), PI * b.radius() * b.radius(), b.center()),
-            Light::Spot(spot) => luminance(spot.axial_intensity()) * by_distance(spot.position()),
-            Light::Surface(s) => of_disk(s.radiance(), s.mean_shadow_area(), s.center()),
-            Light::Point { position, intensity } => luminance(*intensity) * by_distance(*position),
+            Light::Panel(_) | Light::Ball(_) | Light::Point { .. } | Light::Spot(_) | Light::Surface(_) => 0.0,
         }
     }
 }

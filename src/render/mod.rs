@@ -61,7 +61,6 @@ use crate::geometry::moment::Shutter;
 use crate::grid::DensityGrid;
 use crate::grid::majorant::{CellEdge, MajorantGrid};
 use crate::math::hash::Seed;
-use crate::math::space::WorldPoint;
 use crate::render::adaptive::Adaptive;
 use crate::render::detail::Detail;
 use crate::render::even::EvenMedium;
@@ -189,9 +188,9 @@ pub enum RenderError {
     )]
     NonFinite {
         /// Column.
-        x: u32,
+        x: i32,
         /// Row.
-        y: u32,
+        y: i32,
         /// Number of the path in its pixel.
         sample: u32,
         /// What it brought.
@@ -220,25 +219,11 @@ pub fn build_world(
     materials: Vec<Material>,
     load: LoadPicture,
 ) -> Result<World, RenderError> {
-    build_world_at(scene, geometry, materials, 0.0, load)
+    let (surfaces, lights) = (geometry.trace_scene()?, build_lights(scene, 0.0, load)?);
+    Ok(assemble_world(scene, geometry, surfaces, lights, materials))
 }
 
-/// As [`build_world`], at another time than 0 [s].
-///
-/// # Errors
-/// As there.
-pub fn build_world_at(
-    scene: &Scene,
-    geometry: &Geometry,
-    materials: Vec<Material>,
-    time: f64,
-    load: LoadPicture,
-) -> Result<World, RenderError> {
-    let (surfaces, lights) = (geometry.trace_scene()?, build_lights(scene, time, load)?);
-    Ok(assemble_world(scene, geometry, surfaces, lights, materials, time))
-}
-
-/// As [`build_world_at`], of surfaces and lights of the scene that are there already: those of [`Geometry::trace_scene`] and
+/// As [`build_world`] at any time, of surfaces and lights of the scene that are there already: those of [`Geometry::trace_scene`] and
 /// [`build_lights`].
 pub fn assemble_world(
     scene: &Scene,
@@ -246,14 +231,11 @@ pub fn assemble_world(
     surfaces: TraceScene,
     mut lights: Vec<Light>,
     materials: Vec<Material>,
-    time: f64,
 ) -> World {
     debug_assert_eq!(materials.len(), geometry.shapes.len(), "shapes that shine are found by their materials");
     let shapes = geometry.shapes.iter().zip(&materials).enumerate().filter(|(_, (shape, _))| shape.visible);
     lights.extend(shapes.filter_map(|(i, (shape, material))| glowing_shape(i as u32, shape, material)));
-    // What the camera looks at is what is lit.
-    let center = WorldPoint(CameraCourse::new(scene).look_at(time).as_vec3());
-    let mut world = World::new(surfaces, materials, lights, center);
+    let mut world = World::new(surfaces, materials, lights);
     let groups = groups(&scene.settings);
     // Shapes that shine come after the lights of the scene.
     world.groups.fill(EMISSION_GROUP);
@@ -367,6 +349,11 @@ pub fn add_detail(medium: &mut Medium, settings: &settings::Detail, time: f64) -
     Ok(())
 }
 
+/// All pixels of a picture: those of the frame and of its overscan.
+pub fn canvas(film: &settings::Film) -> PixelBounds {
+    PixelBounds::whole(film.resolution).grown(film.overscan.sides())
+}
+
 /// How frame `frame` is taken; `crop` renders a part of it. Of what moves it shows one instant: see [`take_time`].
 ///
 /// # Panics
@@ -379,7 +366,8 @@ pub fn build_view(scene: &Scene, frame: i32, crop: Option<PixelBounds>) -> View 
         camera: CameraCourse::new(scene).at(settings.frames.time(f64::from(frame))).expect("was checked before"),
         shutter: None,
         resolution: film.resolution,
-        bounds: crop.unwrap_or(PixelBounds::whole(film.resolution)),
+        canvas: canvas(film),
+        bounds: crop.unwrap_or(canvas(film)),
         spp: film.spp,
         adaptive: film.noise_target.map(|noise| Adaptive { noise: noise as f32, min_spp: film.min_spp.min(film.spp) }),
         time_limit: film.time_limit.map(Duration::from_secs_f64),

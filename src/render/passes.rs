@@ -139,7 +139,7 @@ impl<'a> Passes<'a> {
             for (i, mut sum) in sums.read(view).take(tile.area()).enumerate() {
                 let (column, row) = (i as u32 % tile.width(), i as u32 / tile.width());
                 if column.is_multiple_of(stride) && row.is_multiple_of(stride) {
-                    let place = [tile.x0 + column, tile.y0 + row];
+                    let place = [tile.x0.saturating_add_unsigned(column), tile.y0.saturating_add_unsigned(row)];
                     let mut painter = PixelPainter::new(place, view, traced, progress, &mut counts);
                     let has = sum.moments().count();
                     painter.add(&mut sum, has..paths.max(has))?;

@@ -2,9 +2,9 @@
 //!
 //! Both directions are directions of *travel*: `g > 0` scatters forward.
 
+use crate::math::circle::on_circle;
 use crate::math::space::UnitVec3;
-use glam::Vec3;
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 /// A phase function; its integral over the sphere is 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,8 +91,7 @@ impl Phase {
             Phase::Mixture { lobes, share } => lobes[1].sample(((u[0] - share) / (1.0 - share)).min(1.0)),
         };
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-        let direction = before.from_local(Vec3::new(sine * cos_phi, sine * sin_phi, cosine));
+        let direction = before.from_local((sine * on_circle(u[1])).extend(cosine));
         PhaseSample { direction, pdf: self.at(cosine) }
     }
 }
@@ -174,6 +173,8 @@ fn henyey_greenstein(g: f32, cosine: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::math::hash::{CounterRng, Seed};
+    use glam::Vec3;
+    use std::f32::consts::TAU;
 
     const ASYMMETRIES: [f32; 6] = [-0.8, -0.3, 0.0, 0.0005, 0.5, 0.95];
 

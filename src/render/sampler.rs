@@ -57,7 +57,9 @@ pub struct PixelSamples {
 
 impl PixelSamples {
     /// For up to `spp` paths of the pixel in column `x` and row `y`; further ones are no longer spread among neighbours.
-    pub fn new(seed: Seed, spp: u32, x: u32, y: u32) -> Self {
+    pub fn new(seed: Seed, spp: u32, x: i32, y: i32) -> Self {
+        // Columns and rows beside the frame wrap to numbers that no frame has, and squares go on across its edge.
+        let (x, y) = (x as u32, y as u32);
         let log2_sequence = SEQUENCE.trailing_zeros();
         let log2_length = spp.max(1).next_power_of_two().trailing_zeros().min(log2_sequence);
         // As many pixels as the sequence has pieces for.
@@ -75,7 +77,7 @@ impl PixelSamples {
     }
 
     /// For the pixel in column `x` and row `y`, with a sequence of its own.
-    pub fn alone(seed: Seed, x: u32, y: u32) -> Self {
+    pub fn alone(seed: Seed, x: i32, y: i32) -> Self {
         Self::new(seed, SEQUENCE, x, y)
     }
 
@@ -159,7 +161,7 @@ pub struct Sampler {
 
 impl Sampler {
     /// The numbers of sample `sample` of a pixel that shares no sequence with others.
-    pub fn new(seed: Seed, x: u32, y: u32, sample: u32) -> Self {
+    pub fn new(seed: Seed, x: i32, y: i32, sample: u32) -> Self {
         PixelSamples::alone(seed, x, y).sampler(sample)
     }
 
@@ -218,8 +220,8 @@ mod tests {
 
     /// Variance of the mean over squares of `edge` x `edge` pixels, times their area: that of single pixels where errors have
     /// nothing to do with each other.
-    fn variance_of_squares(error: impl Fn(u32, u32) -> f64, edge: u32) -> f64 {
-        const SIZE: u32 = 64;
+    fn variance_of_squares(error: impl Fn(i32, i32) -> f64, edge: i32) -> f64 {
+        const SIZE: i32 = 64;
         let squares = (0..SIZE / edge).flat_map(|j| (0..SIZE / edge).map(move |i| (i, j)));
         let mut sum = 0.0;
         for (i, j) in squares {
@@ -253,6 +255,28 @@ mod tests {
                 assert!(four < 0.7 && sixteen < 0.45, "{spp} {dimension:?}: {four} {sixteen}");
                 assert!(variance_of_squares(alone, 4) / variance_of_squares(alone, 1) > 0.7);
             }
+        }
+    }
+
+    /// Those beside the frame have numbers of their own and fill the same square's gaps.
+    #[test]
+    fn sequences_go_on_beside_the_frame() {
+        let numbers = |x: i32, y: i32| {
+            let pixel = PixelSamples::new(Seed(5), 16, x, y);
+            std::array::from_fn::<_, 16, _>(|i| pixel.sampler(i as u32).numbers(Dimension::Film, 0))
+        };
+        let mut cells = [0; 256];
+        for (x, y) in (-16..0).flat_map(|x| (16..17).map(move |y| (x, y))) {
+            for u in numbers(x, y) {
+                cells[(u[0] * 16.0) as usize * 16 + (u[1] * 16.0) as usize] += 1;
+            }
+        }
+        let first = numbers(0, 0);
+        assert!(cells.iter().all(|&count| count <= 4), "{cells:?}");
+        for (x, y) in [(-1, 0), (0, -1), (-1, -1), (-64, 0), (0, -64)] {
+            assert_ne!(numbers(x, y), first, "{x} {y}");
+            let streams = [(x, y), (0, 0)].map(|(x, y)| Sampler::new(Seed(5), x, y, 0).stream().uniform());
+            assert_ne!(streams[0], streams[1], "{x} {y}");
         }
     }
 

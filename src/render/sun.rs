@@ -3,10 +3,10 @@
 //! Angles are small here: half of the sun's 0.53° has a cosine that differs from 1 by 1.07e-5, of which `f32` keeps two
 //! digits. All goes by 1 − cosine, which is 2 sin²(α/2) and, between unit vectors, half the square of their difference.
 
+use crate::math::circle::on_circle;
 use crate::math::space::UnitVec3;
 use crate::render::color::Rgb;
 use crate::render::light::LightSample;
-use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
 /// Parallel light, or light from a disk of the sky.
@@ -97,10 +97,9 @@ impl Sun {
 
 /// A direction even over the solid angle of a cone about `axis`, whose half angle has a cosine of 1 − `one_minus_cosine`.
 pub fn in_cone(axis: UnitVec3, one_minus_cosine: f32, u: [f32; 2]) -> UnitVec3 {
-    let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
     let drop = u[0] * one_minus_cosine;
     let sine = (drop * (2.0 - drop)).max(0.0).sqrt();
-    axis.from_local(Vec3::new(sine * cos_phi, sine * sin_phi, 1.0 - drop))
+    axis.from_local((sine * on_circle(u[1])).extend(1.0 - drop))
 }
 
 #[cfg(test)]
@@ -108,6 +107,7 @@ mod tests {
     use super::*;
     use crate::math::hash::{CounterRng, Seed};
     use crate::math::statistics::chi_square_test;
+    use glam::Vec3;
 
     fn travelling() -> UnitVec3 {
         UnitVec3::try_new(Vec3::new(0.3, -0.8, 0.45)).expect("not zero")

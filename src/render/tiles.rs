@@ -45,9 +45,11 @@ pub struct View {
     pub camera: Camera,
     /// What moves while the shutter is open, if anything does.
     pub shutter: Option<Arc<ViewShutter>>,
-    /// Size of the whole picture.
+    /// Size of the frame.
     pub resolution: [u32; 2],
-    /// The part of it to render.
+    /// All pixels that the picture may have: those of the frame, and of its overscan.
+    pub canvas: PixelBounds,
+    /// The part of them to render.
     pub bounds: PixelBounds,
     /// Paths a pixel; with `adaptive` the most.
     pub spp: u32,
@@ -195,13 +197,8 @@ fn render_adaptively(
     adaptive: &Adaptive,
 ) -> Result<Tile, RenderError> {
     // Of the whole picture, so that a part of it comes out as it is there.
-    let [width, height] = view.resolution;
-    let outer = PixelBounds {
-        x0: bounds.x0.saturating_sub(1),
-        y0: bounds.y0.saturating_sub(1),
-        x1: (bounds.x1 + 1).min(width),
-        y1: (bounds.y1 + 1).min(height),
-    };
+    let frame = PixelBounds::whole(view.resolution);
+    let outer = bounds.grown([1; 4]).common(&view.canvas).unwrap_or(*bounds);
     let mut counts = PathCounts::default();
     let (mut begun, mut needed) = (Vec::new(), Vec::with_capacity(outer.area()));
     for y in outer.y0..outer.y1 {
@@ -221,10 +218,10 @@ fn render_adaptively(
     let tile = render_tile(bounds, view, traced, progress, false, |mut painter| {
         let (x, y) = (painter.x, painter.y);
         let around = (-1i32..=1).flat_map(|dy| (-1i32..=1).map(move |dx| (dx, dy))).filter(|&step| step != (0, 0));
-        let around = around.map(|(dx, dy)| (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)));
-        let around = around.filter(|&(x, y)| outer.contains(x, y));
-        let mut needed: Vec<f32> =
-            around.map(|(x, y)| needed[((y - outer.y0) * outer.width() + x - outer.x0) as usize]).collect();
+        // What is beside the frame has no say in it, so that the frame is the same with overscan and without.
+        let asked = if frame.contains(x, y) { outer.common(&frame).unwrap_or(outer) } else { outer };
+        let around = around.map(|(dx, dy)| (x + dx, y + dy)).filter(|&(x, y)| asked.contains(x, y));
+        let mut needed: Vec<f32> = around.map(|(x, y)| needed[outer.index(x, y)]).collect();
         let begun = begun.next().expect("one for each pixel");
         painter.paint(begun, adaptive.min_spp..adaptive.paths(view.spp, &mut needed), view.spp)
     })?;
@@ -264,14 +261,14 @@ fn render_tile(
     Ok(Tile { content, counts })
 }
 
-pub(crate) fn middle_of(x: u32, y: u32) -> Vec2 {
+pub(crate) fn middle_of(x: i32, y: i32) -> Vec2 {
     Vec2::new(x as f32 + 0.5, y as f32 + 0.5)
 }
 
 /// Traces the paths of one pixel.
 pub(crate) struct PixelPainter<'a> {
-    x: u32,
-    y: u32,
+    x: i32,
+    y: i32,
     view: &'a View,
     traced: &'a Traced<'a>,
     progress: &'a dyn Progress,
@@ -288,7 +285,7 @@ pub(crate) struct PixelPainter<'a> {
 
 impl<'a> PixelPainter<'a> {
     pub(crate) fn new(
-        [x, y]: [u32; 2],
+        [x, y]: [i32; 2],
         view: &'a View,
         traced: &'a Traced<'a>,
         progress: &'a dyn Progress,
@@ -365,7 +362,7 @@ impl<'a> PixelPainter<'a> {
                 if let Some(carried) = contribution.shape_idx.and_then(|shape| integrator.moment.of(shape)) {
                     contribution.place = carried.back(contribution.place);
                 }
-                contribution.motion = motion.of_path(&view.camera, contribution);
+                contribution.motion = view.camera.along_rows(motion.of_path(&view.camera, contribution), y);
             }
             if !contribution.radiance.is_finite() {
                 return Err(RenderError::NonFinite { x, y, sample, radiance: contribution.radiance });
@@ -373,7 +370,6 @@ impl<'a> PixelPainter<'a> {
             sum.add(&view.layers, contribution);
             self.unsaid += 1;
         }
-        sum.settle();
         Ok(())
     }
 }

@@ -48,8 +48,8 @@ pub struct MetLight {
 }
 
 impl World {
-    /// Puts surfaces and lights together; `center` is the middle of what is lit, from which lights are weighed.
-    pub fn new(surfaces: TraceScene, materials: Vec<Material>, lights: Vec<Light>, center: WorldPoint) -> Self {
+    /// Puts surfaces and lights together.
+    pub fn new(surfaces: TraceScene, materials: Vec<Material>, lights: Vec<Light>) -> Self {
         let indices = |test: &dyn Fn(&Light) -> bool| {
             (0..lights.len() as u32).filter(|&i| test(&lights[i as usize])).collect::<Vec<_>>()
         };
@@ -61,7 +61,7 @@ impl World {
                 light_of_shape[surface.shape_idx as usize] = Some(i as u32);
             }
         }
-        let choice = LightChoice::new(&lights, center);
+        let choice = LightChoice::new(&lights);
         let asks_by_chance = choice.only().is_none_or(|i| lights[i].has_extent());
         let groups = vec![OTHER_GROUP; lights.len()];
         Self { surfaces, materials, lights, groups, met, lamps, light_of_shape, choice, asks_by_chance }

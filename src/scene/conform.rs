@@ -418,7 +418,11 @@ impl<'s> Walk<'s, '_, '_> {
             }
             Value::Map(entries) if !variants.maps.is_empty() => self.single_key(entries, &variants, schema, at, path),
             Value::Integer(_) | Value::Float(_) | Value::List(_) if !variants.others.is_empty() => {
-                self.value(node, variants.others[0], at, path)
+                // One of them may be a list, and another not.
+                let is_list = matches!(node.value, Value::List(_));
+                let fits = |other: &&&Json| (type_name(resolve(self.root, other)) == "array") == is_list;
+                let other = variants.others.iter().find(fits).unwrap_or(&variants.others[0]);
+                self.value(node, other, at, path)
             }
             _ => self.wrong_type(node, schema, at, path, None),
         }

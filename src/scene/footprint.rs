@@ -19,7 +19,7 @@ const LAYER_BYTES: f64 = 12.0;
 pub fn film_bytes(settings: &Settings) -> f64 {
     let groups = settings.light_groups().len();
     let channels: usize = settings.output.aovs.iter().map(|aov| aov.channel_count(groups)).sum();
-    let pixels: f64 = settings.film.resolution.map(f64::from).iter().product();
+    let pixels: f64 = settings.film.size().map(f64::from).iter().product();
     // Sums of all pixels wait for the next pass.
     let sums = if settings.film.time_limit.is_some() { sum_bytes(channels) } else { 0.0 };
     pixels * (PIXEL_BYTES + LAYER_BYTES * channels as f64 + sums)
@@ -34,7 +34,7 @@ pub fn particle_bytes(frames: &Frames) -> f64 {
 pub fn sums_bytes(settings: &Settings) -> f64 {
     let groups = settings.light_groups().len();
     let channels: usize = settings.output.aovs.iter().map(|aov| aov.channel_count(groups)).sum();
-    settings.film.resolution.map(f64::from).iter().product::<f64>() * sum_bytes(channels)
+    settings.film.size().map(f64::from).iter().product::<f64>() * sum_bytes(channels)
 }
 
 /// The same of a pixel: exact sums as they are written, and the shapes that it has met.

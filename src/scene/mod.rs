@@ -15,8 +15,11 @@ pub mod tree;
 pub mod unit;
 pub mod validate;
 mod validate_flow;
+mod validate_light;
 mod validate_material;
+mod validate_shape;
 mod validate_smoke;
+mod validate_suite;
 mod validate_volume;
 
 use crate::conform::conform;

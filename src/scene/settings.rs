@@ -220,6 +220,12 @@ pub struct Film {
     /// Width and height in pixels. Default [640, 360].
     #[schemars(inner(range(min = 1, max = 32768)))]
     pub resolution: [u32; 2],
+    /// Pixels beside the frame that are rendered too, for blurs, lens distortion and shakes in compositing: as many on every side, or
+    /// as many at the left, right, top and bottom. The same projection goes on there, the frame keeps its every bit, and a `lat_long` camera goes
+    /// on round. In the `.exr` the display window is the frame and the data window has all pixels; previews show the frame.
+    /// Default 0.
+    #[serde(skip_serializing_if = "Overscan::is_none")]
+    pub overscan: Overscan,
     /// Paths traced through each pixel; with `noise_target` the most. Default 128.
     #[schemars(range(min = 1, max = 16777216))]
     pub spp: u32,
@@ -247,12 +253,52 @@ impl Default for Film {
     fn default() -> Self {
         Self {
             resolution: [640, 360],
+            overscan: Overscan::default(),
             spp: 128,
             noise_target: None,
             min_spp: MIN_SPP,
             time_limit: None,
             filter: Filter::BlackmanHarris { radius: 1.5 },
         }
+    }
+}
+
+/// Pixels beside the frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Overscan {
+    /// As many on every side.
+    Even(#[schemars(range(min = 0, max = 16384))] u32),
+    /// At the left, right, top and bottom.
+    Sides(#[schemars(inner(range(min = 0, max = 16384)))] [u32; 4]),
+}
+
+impl Default for Overscan {
+    fn default() -> Self {
+        Self::Even(0)
+    }
+}
+
+impl Overscan {
+    /// At the left, right, top and bottom [pixels].
+    pub fn sides(self) -> [u32; 4] {
+        match self {
+            Self::Even(pixels) => [pixels; 4],
+            Self::Sides(sides) => sides,
+        }
+    }
+
+    /// Whether there is none.
+    pub fn is_none(&self) -> bool {
+        self.sides() == [0; 4]
+    }
+}
+
+impl Film {
+    /// Width and height with overscan [pixels].
+    pub fn size(&self) -> [u32; 2] {
+        let ([width, height], [left, right, top, bottom]) = (self.resolution, self.overscan.sides());
+        [width.saturating_add(left).saturating_add(right), height.saturating_add(top).saturating_add(bottom)]
     }
 }
 

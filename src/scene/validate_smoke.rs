@@ -285,12 +285,14 @@ impl Check<'_, '_, '_> {
             return;
         }
         if film > limit {
-            let [width, height] = self.settings.film.resolution;
+            let [width, height] = self.settings.film.size();
             let message = format!("{width} × {height} pixels need {}; the limit is {}", gib(film), gib(limit));
+            let help = match self.settings.film.overscan.is_none() {
+                true => "lower the resolution, or raise `render.memory_limit_gib`",
+                false => "lower the resolution or `film.overscan`, or raise `render.memory_limit_gib`",
+            };
             if let Some(diagnostic) = self.error("film.resolution", "film.resolution", message) {
-                diagnostic
-                    .fault(Fault::OverMemoryLimit)
-                    .help("lower the resolution, or raise `render.memory_limit_gib`");
+                diagnostic.fault(Fault::OverMemoryLimit).help(help);
             }
         }
         let Some(smoke) = &self.settings.smoke else { return };

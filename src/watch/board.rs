@@ -1,7 +1,7 @@
 //! What is to be seen: the picture as far as it is, how far that is, and what is wrong; and what people wish for.
 
 use crate::error::Error;
-use crate::output::view::View;
+use crate::output::View;
 use crate::pipeline::inputs::Part;
 use crate::progress::Stage;
 use crate::render::film::{Film, PixelBounds};
@@ -120,13 +120,13 @@ impl Picture {
     }
 
     /// All channels of a pixel; none beyond the picture.
-    pub fn pixel(&self, [x, y]: [u32; 2]) -> &[f32] {
-        let [width, height] = self.resolution;
-        if x >= width || y >= height {
+    pub fn pixel(&self, [x, y]: [i32; 2]) -> &[f32] {
+        let all = PixelBounds::whole(self.resolution);
+        if !all.contains(x, y) {
             return &[];
         }
         let count = self.channel_count();
-        let at = (y as usize * width as usize + x as usize) * count;
+        let at = all.index(x, y) * count;
         self.data.get(at..at + count).unwrap_or_default()
     }
 
@@ -136,7 +136,7 @@ impl Picture {
         pixels.flat_map(move |place| self.pixel(place)[layer.first..layer.first + layer.channels.len()].iter().copied())
     }
 
-    /// Puts a film in its place. What is beyond it stays, if there is anything of this size and these layers.
+    /// Puts a film of pixels of the frame in its place. What is beyond it stays, if there is anything of this size and these layers.
     fn put(&mut self, film: &Film) {
         let layers = layers_of(film);
         if self.resolution != film.resolution || self.layers != layers {
@@ -144,12 +144,12 @@ impl Picture {
             let count: usize = layers.iter().map(|layer| layer.channels.len()).sum();
             *self = Self { resolution: film.resolution, layers, data: vec![0.0; width * height * count] };
         }
-        let (width, count) = (self.resolution[0] as usize, self.channel_count());
-        let further = count - 4;
+        let count = self.channel_count();
+        let (all, further) = (PixelBounds::whole(self.resolution), count - 4);
         let b = film.bounds;
         for (i, pixel) in film.pixels.iter().enumerate() {
-            let (column, row) = (i % b.width() as usize, i / b.width() as usize);
-            let at = ((b.y0 as usize + row) * width + b.x0 as usize + column) * count;
+            let (column, row) = (i as u32 % b.width(), i as u32 / b.width());
+            let at = all.index(b.x0.saturating_add_unsigned(column), b.y0.saturating_add_unsigned(row)) * count;
             self.data[at..at + 3].copy_from_slice(&pixel.mean.to_array());
             self.data[at + 3] = pixel.alpha;
             self.data[at + 4..at + count].copy_from_slice(&film.layer_data[i * further..(i + 1) * further]);
@@ -201,7 +201,7 @@ pub struct Status {
     /// Size of the picture; 0 where there is none.
     pub resolution: [u32; 2],
     /// The part that is worked on: x0, y0, x1, y1.
-    pub crop: Option<[u32; 4]>,
+    pub crop: Option<[i32; 4]>,
     /// What can be looked at.
     pub layers: Vec<LayerChannels>,
     /// What is wrong.
@@ -294,7 +294,7 @@ impl Board {
             status.spp = settings.film.spp;
             status.crop = crop.map(|b| [b.x0, b.y0, b.x1, b.y1]);
             status.problems = problems;
-            let view = View::from(settings.output.view);
+            let view = settings.output.view;
             status.view = view_table::on_page().find(|known| *known == view).unwrap_or(View::Standard).name();
             status.exposure_ev = settings.output.exposure_ev;
             (status.activity, status.fraction) = ("reading", 0.0);

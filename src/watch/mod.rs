@@ -104,7 +104,7 @@ impl Watch<'_> {
                 let frame = frame_of(&scene, &wishes);
                 let resolution = scene.settings.film.resolution;
                 let crop = match wishes.crop {
-                    Some(wished) => wished.and_then(|crop| clipped(crop, resolution)),
+                    Some(wished) => wished.and_then(|crop| crop.common(&PixelBounds::whole(resolution))),
                     None => (self.crop)(resolution)?,
                 };
                 Ok((inputs::files(&scene, frame)?, frame, crop, scene))
@@ -171,7 +171,9 @@ impl Watch<'_> {
             }
             is_first = false;
         };
-        studio.expose(scene, frame, crop, watcher, &mut show)?;
+        // The frame, without overscan.
+        let shown = crop.unwrap_or(PixelBounds::whole(scene.settings.film.resolution));
+        studio.expose(scene, frame, Some(shown), watcher, &mut show)?;
         self.board.finish();
         let (paths, seconds) = (scene.settings.film.spp, since.elapsed().as_secs_f64());
         (self.tell)(&Event::Finished { frame, paths, seconds });
@@ -221,12 +223,6 @@ impl Watch<'_> {
 fn frame_of(scene: &Scene, wishes: &Wishes) -> i32 {
     let frames = &scene.settings.frames;
     wishes.frame.unwrap_or(frames.first).clamp(frames.first, frames.last)
-}
-
-/// What of a part is in a picture of a size, if anything is.
-fn clipped(crop: PixelBounds, [width, height]: [u32; 2]) -> Option<PixelBounds> {
-    let bounds = PixelBounds { x1: crop.x1.min(width), y1: crop.y1.min(height), ..crop };
-    (bounds.x0 < bounds.x1 && bounds.y0 < bounds.y1).then_some(bounds)
 }
 
 fn problems(diagnostics: &[Diagnostic]) -> Vec<Problem> {

@@ -292,7 +292,7 @@ fn pixel(board: &Board, query: &Query) -> Answer {
 }
 
 fn crop(board: &Board, query: &Query) -> Answer {
-    let edge = |name| query.number::<u32>(name);
+    let edge = |name| query.number::<i32>(name);
     match (edge("x0"), edge("y0"), edge("x1"), edge("y1")) {
         (None, None, None, None) => board.wish_crop(None),
         (Some(x0), Some(y0), Some(x1), Some(y1)) if x0 < x1 && y0 < y1 => {

@@ -7,7 +7,8 @@
 //! depend on greys alone.
 
 use crate::math::parallel;
-use crate::output::view::View;
+use crate::output::View;
+use crate::output::view::on_screen;
 use half::f16;
 
 /// The views that the page offers: those that a table can show. False colours have edges, and the page has its own.
@@ -32,7 +33,7 @@ pub fn table(view: View) -> Vec<u8> {
     let layers = parallel::map(SIZE, |b| {
         let points = (0..SIZE * SIZE).map(|i| [light(i % SIZE), light(i / SIZE), light(b)]);
         let shown = points.flat_map(|point| {
-            let [r, g, b] = view.apply(point);
+            let [r, g, b] = on_screen(view, point);
             [r, g, b, 1.0].map(|x| f16::from_f32(x).to_le_bytes())
         });
         shown.flatten().collect::<Vec<u8>>()
@@ -81,7 +82,7 @@ mod tests {
                 let scale = (rng.uniform() * 14.5 - 10.0).exp2();
                 let mut channel = || if i % 4 == 0 { scale } else { scale * rng.uniform() };
                 let rgb = [channel(), channel(), channel()];
-                let (shown, table) = (view.apply(rgb), look_up(&table, rgb));
+                let (shown, table) = (on_screen(view, rgb), look_up(&table, rgb));
                 for (a, b) in shown.iter().zip(table) {
                     worst = worst.max((a - b).abs());
                     sum += f64::from((a - b).abs());

@@ -5,7 +5,7 @@
 
 Prints windows, compression, attributes and, for each channel, its type, least, mean and largest finite number; fails
 when a name, type or window is not as promised: bare R, G, B, A, colours in half, data in float, a data
-window inside the display window.
+window inside the display window, or with --overscan LEFT RIGHT TOP BOTTOM as much larger.
 """
 
 import sys
@@ -14,7 +14,7 @@ import numpy
 import OpenEXR
 
 
-def main(path):
+def main(path, overscan=None):
     with OpenEXR.File(path, separate_channels=True) as file:
         assert len(file.parts) == 1, f"{len(file.parts)} parts"
         header, channels = file.header(), file.channels()
@@ -23,7 +23,13 @@ def main(path):
                 print(f"{name}: {header[name]}")
         low, high = (tuple(int(x) for x in corner) for corner in header["dataWindow"])
         frame = tuple(int(x) for x in header["displayWindow"][1])
-        assert min(low) >= 0 and high[0] <= frame[0] and high[1] <= frame[1], "the data window is outside the display window"
+        if overscan:
+            left, right, top, bottom = overscan
+            wanted = (-left, -top), (frame[0] + right, frame[1] + bottom)
+            assert (low, high) == wanted, f"the data window is {low} to {high}, not {wanted[0]} to {wanted[1]}"
+        else:
+            is_inside = min(low) >= 0 and high[0] <= frame[0] and high[1] <= frame[1]
+            assert is_inside, "the data window is outside the display window"
         size = (high[1] - low[1] + 1, high[0] - low[0] + 1)
         for name, channel in channels.items():
             pixels = channel.pixels
@@ -39,6 +45,9 @@ def main(path):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    if len(sys.argv) == 2:
+        main(sys.argv[1])
+    elif len(sys.argv) == 7 and sys.argv[2] == "--overscan":
+        main(sys.argv[1], [int(pixels) for pixels in sys.argv[3:]])
+    else:
         sys.exit(__doc__)
-    main(sys.argv[1])

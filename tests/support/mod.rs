@@ -117,7 +117,7 @@ fn estimate_media(
             let mut counts = PathCounts::default();
             let sum: DVec3 = (0..BLOCK as u32)
                 .map(|i| {
-                    let mut sampler = Sampler::new(Seed(seed), block as u32, 0, i);
+                    let mut sampler = Sampler::new(Seed(seed), block as i32, 0, i);
                     integrator.trace(ray(block, i), &mut sampler, &mut counts).radiance.as_dvec3()
                 })
                 .sum();

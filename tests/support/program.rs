@@ -47,6 +47,17 @@ lights:
 output: {image: out/smoke.####.exr}
 ";
 
+/// `SMOKE` hot and in one gust, so that it glows and drifts.
+pub fn hot_smoke() -> String {
+    SMOKE.replace("  medium:", "  blackbody: {temperature: 1800, cooling_time: 1.5, gain: 1}\n  medium:")
+}
+
+pub fn scene_from_files(scene: &str, file: &str) -> String {
+    let start = scene.find("  emitters").unwrap();
+    let end = scene.find("  blackbody").or(scene.find("  medium")).unwrap();
+    format!("{}  file: {file}\n{}", &scene[..start], &scene[end..])
+}
+
 /// A fresh folder with a scene in it.
 pub struct Folder(pub TempDir);
 

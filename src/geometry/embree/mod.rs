@@ -5,10 +5,14 @@
 //! scene. Errors are checked while building; asking cannot fail.
 #![allow(unsafe_code)]
 
+mod device;
+mod hit;
 #[allow(missing_docs)]
 mod sys;
 
-pub use sys::LoadError;
+pub use crate::foreign::LoadError;
+pub use device::{EmbreeError, version};
+pub use hit::{Hit, Ray};
 
 use crate::geometry::closed::Closed;
 use crate::geometry::mesh::Mesh;
@@ -16,173 +20,16 @@ use crate::geometry::moment::Moment;
 use crate::geometry::trace::Solid;
 use crate::geometry::triangle::closest_point;
 use crate::math::aabb::Aabb;
-use crate::math::space::{UnitVec3, WorldPoint};
-use glam::{DVec3, Vec3};
+use crate::math::space::WorldPoint;
+use device::Device;
+use glam::Vec3;
+use hit::{hit_on_solid, triangle_hit};
 use std::ptr::{from_mut, null};
 use std::sync::Arc;
 use sys::{Functions, Handle, INVALID_ID};
 
-/// Why no scene could be made.
-#[derive(Debug, Clone, thiserror::Error)]
-pub enum EmbreeError {
-    /// The library is missing or unusable.
-    #[error(transparent)]
-    Load(#[from] LoadError),
-    /// The library is not of a version whose layout we know.
-    #[error("Embree {}.{}.{} was found, but version 4 is needed; run ./bootstrap.sh in the source folder", version / 10000, version / 100 % 100, version % 100)]
-    Version {
-        /// major · 10000 + minor · 100 + patch.
-        version: isize,
-    },
-    /// The library could not do what it was asked.
-    #[error("Embree failed while {doing}: {}", code_name(*code))]
-    Failed {
-        /// What it was asked for.
-        doing: &'static str,
-        /// `RTCError`.
-        code: i32,
-    },
-}
-
-fn code_name(code: i32) -> String {
-    match code {
-        2 => "invalid argument".into(),
-        3 => "invalid operation".into(),
-        4 => "out of memory".into(),
-        5 => "this processor is not supported".into(),
-        code => format!("error {code}"),
-    }
-}
-
-/// A half line.
-#[derive(Debug, Clone, Copy)]
-pub struct Ray {
-    /// Where it starts.
-    pub origin: WorldPoint,
-    /// Where it goes.
-    pub direction: UnitVec3,
-}
-
-impl Ray {
-    /// The point at distance `t` [m].
-    #[inline]
-    pub fn at(&self, t: f32) -> WorldPoint {
-        self.origin + self.direction.as_vec3() * t
-    }
-}
-
-/// Where a ray meets a surface.
-#[derive(Debug, Clone, Copy)]
-pub struct Hit {
-    /// Distance along the ray [m].
-    pub t: f32,
-    /// The point on the surface, more accurate than `ray.at(t)`.
-    pub position: WorldPoint,
-    /// Outward normal of the surface itself, whichever side was hit.
-    pub normal: UnitVec3,
-    /// Outward normal to shade with: interpolated where the mesh has vertex normals, otherwise `normal`.
-    pub shading_normal: UnitVec3,
-    /// Which shape, by its place in the scene's shapes.
-    pub shape_idx: u32,
-    /// By how much `position` and later hits of the same surface can be wrong [m].
-    error: f32,
-}
-
-impl Hit {
-    /// Where a ray must start that leaves this surface in `direction`, so that it does not meet it again: a few
-    /// rounding errors off the surface, on the side that `direction` points to.
-    #[inline]
-    pub fn offset_origin(&self, direction: UnitVec3) -> WorldPoint {
-        let n = self.normal.as_vec3();
-        self.position + n * self.error.copysign(n.dot(*direction))
-    }
-}
-
-impl Hit {
-    /// The same hit of a body that was moved and made `scale` times larger.
-    #[inline]
-    pub(in crate::geometry) fn moved(
-        &self,
-        t: f32,
-        position: WorldPoint,
-        [normal, shading_normal]: [UnitVec3; 2],
-        scale: f32,
-    ) -> Self {
-        // Far from the origin at either place, coordinates are rounded.
-        let error = (self.error * scale).max(OFFSET_ROUNDINGS * f32::EPSILON * (position.0.abs().max_element() + t));
-        Self { t, position, normal, shading_normal, shape_idx: self.shape_idx, error }
-    }
-}
-
-/// Rounding errors, relative to the largest coordinate involved, by which new rays are moved off a surface. Fewer let
-/// rays meet the surface they leave; more let light through walls thinner than this, 4 µm at one metre.
-const OFFSET_ROUNDINGS: f32 = 32.0;
-
 /// Most solids that are asked one after the other before the tree is.
 const OUTSIDE_THE_TREE: usize = 4;
-
-/// The library, ready.
-struct Device {
-    functions: &'static Functions,
-    handle: Handle,
-}
-
-// SAFETY: Embree's devices, scenes and geometries may be used from several threads; those that change are reached
-// through `&mut` or by value only.
-unsafe impl Send for Device {}
-// SAFETY: as above.
-unsafe impl Sync for Device {}
-
-impl Device {
-    fn try_new() -> Result<Self, EmbreeError> {
-        let functions = sys::functions()?;
-        // One thread: the tree, and so which of two equally near triangles is reported, must not depend on the machine's
-        // load. Half a second for a million triangles.
-        let config = c"threads=1,set_affinity=0";
-        // SAFETY: a valid C string.
-        let handle = unsafe { (functions.new_device)(config.as_ptr()) };
-        if handle.is_null() {
-            // SAFETY: asking with no device gives the reason why none could be made.
-            let code = unsafe { (functions.device_error)(std::ptr::null_mut()) };
-            return Err(EmbreeError::Failed { doing: "starting", code });
-        }
-        let device = Self { functions, handle };
-        let version = device.version();
-        if !(40000..50000).contains(&version) {
-            return Err(EmbreeError::Version { version });
-        }
-        Ok(device)
-    }
-
-    fn version(&self) -> isize {
-        // SAFETY: the device lives as long as `self`.
-        unsafe { (self.functions.device_property)(self.handle, sys::PROPERTY_VERSION) }
-    }
-
-    fn check(&self, doing: &'static str) -> Result<(), EmbreeError> {
-        // SAFETY: the device lives as long as `self`.
-        match unsafe { (self.functions.device_error)(self.handle) } {
-            0 => Ok(()),
-            code => Err(EmbreeError::Failed { doing, code }),
-        }
-    }
-}
-
-impl Drop for Device {
-    fn drop(&mut self) {
-        // SAFETY: made by us, released once, and every scene on it is gone by then.
-        unsafe { (self.functions.release_device)(self.handle) }
-    }
-}
-
-/// The version of the library that would be used, as "4.4.0".
-///
-/// # Errors
-/// Where none can be used.
-pub fn version() -> Result<String, EmbreeError> {
-    let v = Device::try_new()?.version();
-    Ok(format!("{}.{}.{}", v / 10000, v / 100 % 100, v % 100))
-}
 
 /// One geometry of a scene.
 enum Part {
@@ -395,19 +242,16 @@ impl TraceScene {
     /// As [`TraceScene::intersect`], of shapes where they are at a moment.
     #[inline]
     pub fn intersect_at(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> Option<Hit> {
-        let nearest = self.intersect(ray, t_min, t_max);
-        if self.moving.is_empty() { nearest } else { self.intersect_moving(ray, t_min, t_max, moment, nearest) }
+        // Not one after the other: hits are large, and most scenes have nothing that moves.
+        if self.moving.is_empty() {
+            return self.intersect(ray, t_min, t_max);
+        }
+        self.intersect_with_moving(ray, t_min, t_max, moment)
     }
 
     #[inline(never)]
-    fn intersect_moving(
-        &self,
-        ray: &Ray,
-        t_min: f32,
-        t_max: f32,
-        moment: Moment,
-        mut nearest: Option<Hit>,
-    ) -> Option<Hit> {
+    fn intersect_with_moving(&self, ray: &Ray, t_min: f32, t_max: f32, moment: Moment) -> Option<Hit> {
+        let mut nearest = self.intersect(ray, t_min, t_max);
         for moving in &self.moving {
             let t_max = nearest.as_ref().map_or(t_max, |hit| hit.t);
             if !moving.is_near(ray, t_min, t_max) {
@@ -545,35 +389,6 @@ fn ray_hit(ray: &Ray, t_min: f32, t_max: f32) -> sys::RtcRayHit {
             inst_prim_id: INVALID_ID,
         },
     }
-}
-
-#[inline]
-fn triangle_hit(mesh: &Mesh, ray: &Ray, found: &sys::RtcRayHit, shape_idx: u32) -> Hit {
-    let corners = mesh.triangles()[found.hit.prim_id as usize].map(|i| i as usize);
-    let [a, b, c] = corners.map(|i| mesh.positions()[i]);
-    let (u, v) = (found.hit.u, found.hit.v);
-    let position = a + (b - a) * u + (c - a) * v;
-    let normal = UnitVec3::try_new(Vec3::from_array(found.hit.ng)).unwrap_or(-ray.direction);
-    let shading_normal = if mesh.normals().is_empty() {
-        normal
-    } else {
-        let [na, nb, nc] = corners.map(|i| mesh.normals()[i]);
-        let smooth = na * (1.0 - u - v) + nb * u + nc * v;
-        // Files with triangles one way round and normals the other are common.
-        UnitVec3::try_new(if smooth.dot(*normal) < 0.0 { -smooth } else { smooth }).unwrap_or(normal)
-    };
-    let scale = a.abs().max(b.abs()).max(c.abs()).max_element();
-    let error = OFFSET_ROUNDINGS * f32::EPSILON * scale;
-    Hit { t: found.ray.tfar, position: WorldPoint(position), normal, shading_normal, shape_idx, error }
-}
-
-#[inline]
-fn hit_on_solid(ray: &Ray, t: f32, shape_idx: u32, normal_at: impl FnOnce(DVec3) -> UnitVec3) -> Hit {
-    let position = ray.origin.0.as_dvec3() + ray.direction.as_vec3().as_dvec3() * f64::from(t);
-    let normal = normal_at(position);
-    let position = position.as_vec3();
-    let error = OFFSET_ROUNDINGS * f32::EPSILON * (position.abs().max_element() + t);
-    Hit { t, position: WorldPoint(position), normal, shading_normal: normal, shape_idx, error }
 }
 
 // The callbacks below are plain arithmetic on valid memory. Should one panic all the same, `extern "C"` makes that an

@@ -4,9 +4,8 @@
 //! of its older headers reach, so ours always have room for it. Enumerations are plain integers, because newer
 //! versions return values that older ones do not know.
 
-use libloading::Library;
-use std::ffi::{OsString, c_char, c_int, c_uint, c_void};
-use std::path::{Path, PathBuf};
+use crate::foreign::{LoadError, Wanted, functions};
+use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::sync::OnceLock;
 
 /// No geometry, no primitive, no instance.
@@ -146,23 +145,6 @@ pub type OccludedFunction = unsafe extern "C" fn(*const OccludedArguments);
 /// `RTCPointQueryFunction`.
 pub type PointQueryFunction = unsafe extern "C" fn(*mut PointQueryArguments) -> bool;
 
-macro_rules! functions {
-    ($($field:ident = $symbol:literal: fn($($argument:ty),*) $(-> $result:ty)?;)*) => {
-        /// The functions of the library, resolved once.
-        pub struct Functions {
-            $(pub $field: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
-        }
-
-        impl Functions {
-            fn resolve(library: &Library) -> Result<Self, libloading::Error> {
-                // SAFETY: the signatures are those of the headers of Embree 4, and the library is never closed, so the
-                // pointers stay valid.
-                unsafe { Ok(Self { $($field: *library.get($symbol.as_slice())?,)* }) }
-            }
-        }
-    };
-}
-
 functions! {
     new_device = b"rtcNewDevice\0": fn(*const c_char) -> Handle;
     release_device = b"rtcReleaseDevice\0": fn(Handle);
@@ -188,30 +170,6 @@ functions! {
         fn(Handle, *mut PointQuery, *mut PointQueryContext, Option<PointQueryFunction>, *mut c_void) -> bool;
 }
 
-/// Where no library could be opened: what was tried, for people.
-#[derive(Debug, Clone, thiserror::Error)]
-pub enum LoadError {
-    /// No file of that name anywhere.
-    #[error(
-        "Embree 4 was not found; run ./bootstrap.sh in the source folder, or set EMBREE_DIR to a folder that holds {NAME}"
-    )]
-    NotFound,
-    /// A file is there but cannot be used.
-    #[error("{} cannot be used as Embree 4: {reason}; remove it and run ./bootstrap.sh in the source folder, or set EMBREE_DIR to a folder that holds {NAME}", path.display())]
-    Unusable {
-        /// The file.
-        path: PathBuf,
-        /// What the loader says.
-        reason: String,
-    },
-    /// EMBREE_DIR names a folder without the library.
-    #[error("EMBREE_DIR is {}, but neither it nor its lib folder holds {NAME}; correct it or unset it", path.display())]
-    WrongFolder {
-        /// What EMBREE_DIR says.
-        path: PathBuf,
-    },
-}
-
 #[cfg(target_os = "macos")]
 const NAME: &str = "libembree4.dylib";
 #[cfg(target_os = "macos")]
@@ -221,12 +179,24 @@ const NAME: &str = "libembree4.so";
 #[cfg(not(target_os = "macos"))]
 const LOADER_NAMES: [&str; 2] = ["libembree4.so.4", "libembree4.so"];
 
-/// Folders that package managers fill and loaders do not always search.
-const USUAL_FOLDERS: [&str; 6] =
-    ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/opt/homebrew/lib", "/opt/embree/lib", "/opt/local/lib"];
-
-/// The folder of a checkout that `bootstrap.sh` fills.
-const PROJECT_FOLDER: &str = ".embree";
+static EMBREE: Wanted = Wanted {
+    product: "Embree 4",
+    file: NAME,
+    prefix: "libembree4",
+    loader_names: &LOADER_NAMES,
+    variable: "EMBREE_DIR",
+    project_folder: ".embree",
+    usual_folders: &[
+        "/usr/local/lib",
+        "/usr/lib",
+        "/usr/lib64",
+        "/opt/homebrew/lib",
+        "/opt/embree/lib",
+        "/opt/local/lib",
+    ],
+    install: "run ./bootstrap.sh in the source folder",
+    repair: "remove it and run ./bootstrap.sh in the source folder",
+};
 
 /// The library, opened at the first call and never closed.
 ///
@@ -234,85 +204,5 @@ const PROJECT_FOLDER: &str = ".embree";
 /// Where no usable library is found; the same answer every time.
 pub fn functions() -> Result<&'static Functions, LoadError> {
     static FUNCTIONS: OnceLock<Result<Functions, LoadError>> = OnceLock::new();
-    FUNCTIONS.get_or_init(|| open(std::env::var_os("EMBREE_DIR"))).as_ref().map_err(Clone::clone)
-}
-
-fn open(embree_dir: Option<OsString>) -> Result<Functions, LoadError> {
-    if let Some(folder) = embree_dir.filter(|f| !f.is_empty()).map(PathBuf::from) {
-        return first_in(&[folder.clone(), folder.join("lib"), folder.join("lib64")])
-            .unwrap_or(Err(LoadError::WrongFolder { path: folder }));
-    }
-    let mut folders = Vec::new();
-    if let Some(beside) = std::env::current_exe().ok().as_deref().and_then(Path::parent) {
-        folders.extend([beside.to_owned(), beside.join("../lib")]);
-        folders.extend(beside.ancestors().map(|a| a.join(PROJECT_FOLDER)));
-    }
-    folders.push(Path::new(env!("CARGO_MANIFEST_DIR")).join(PROJECT_FOLDER));
-    let found = first_in(&folders);
-    if let Some(Ok(functions)) = found {
-        return Ok(functions);
-    }
-    if let Some(functions) = LOADER_NAMES.iter().find_map(|name| load(Path::new(name)).ok()) {
-        return Ok(functions);
-    }
-    found.or_else(|| first_in(&USUAL_FOLDERS.map(PathBuf::from))).unwrap_or(Err(LoadError::NotFound))
-}
-
-/// The library in the first of the folders that hold one that works; else the complaint about the first that does not.
-fn first_in(folders: &[PathBuf]) -> Option<Result<Functions, LoadError>> {
-    let mut complaint = None;
-    for path in folders.iter().flat_map(|folder| candidates(folder)) {
-        match load(&path) {
-            Ok(functions) => return Some(Ok(functions)),
-            Err(error) => {
-                complaint.get_or_insert(LoadError::Unusable { path, reason: error.to_string() });
-            }
-        }
-    }
-    complaint.map(Err)
-}
-
-/// Files of the folder that are named as the library is, with or without a version, the plain name first.
-fn candidates(folder: &Path) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let mut names: Vec<OsString> = entries
-        .flatten()
-        .map(|entry| entry.file_name())
-        .filter(|name| {
-            let name = name.to_string_lossy();
-            let versioned = if cfg!(target_os = "macos") { name.ends_with(".dylib") } else { name.contains(".so") };
-            name.starts_with("libembree4") && versioned
-        })
-        .collect();
-    names.sort_by_key(|name| (name != NAME, name.clone()));
-    names.into_iter().map(|name| folder.join(name)).collect()
-}
-
-fn load(path: &Path) -> Result<Functions, libloading::Error> {
-    // SAFETY: running the library's initialisers is what opening Embree means; it is opened with local visibility, so
-    // that its threading library is not mixed up with another one's.
-    let library = unsafe { Library::new(path) }?;
-    let functions = Functions::resolve(&library)?;
-    std::mem::forget(library);
-    Ok(functions)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_without_the_library_is_named() {
-        let empty = tempfile::tempdir().expect("a folder");
-        let error = open(Some(empty.path().into())).err().expect("nothing there");
-        assert!(error.to_string().contains(&empty.path().display().to_string()), "{error}");
-    }
-
-    #[test]
-    fn a_file_that_is_no_library_is_named() {
-        let folder = tempfile::tempdir().expect("a folder");
-        std::fs::write(folder.path().join(NAME), "not a library").expect("written");
-        let error = open(Some(folder.path().into())).err().expect("not loadable");
-        assert!(matches!(error, LoadError::Unusable { .. }) && error.to_string().contains("bootstrap.sh"), "{error}");
-    }
+    FUNCTIONS.get_or_init(|| EMBREE.open(Functions::resolve)).as_ref().map_err(Clone::clone)
 }

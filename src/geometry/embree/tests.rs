@@ -3,7 +3,7 @@ use crate::geometry::mesh::tests::{ball, torus};
 use crate::geometry::primitive::{HalfSpace, Primitive, Sphere, Torus};
 use crate::geometry::sdf::{PlacedSdf, Sdf};
 use crate::math::hash::{CounterRng, Seed};
-use crate::math::space::Similarity;
+use crate::math::space::{Similarity, UnitVec3};
 use glam::DVec3;
 
 fn solid(primitive: Primitive, extent: f64) -> Arc<Solid> {

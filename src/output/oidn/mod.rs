@@ -4,7 +4,7 @@
 #[allow(missing_docs)]
 mod sys;
 
-pub use sys::LoadError;
+pub use crate::foreign::LoadError;
 
 use std::ffi::{CStr, c_void};
 use std::ptr::null;

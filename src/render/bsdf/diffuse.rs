@@ -1,10 +1,11 @@
 //! Lambert's law: light that is reflected alike in all directions.
 
+use crate::math::circle::on_circle;
 use crate::math::space::UnitVec3;
 use crate::render::bsdf::BsdfSample;
 use crate::render::color::Rgb;
 use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, TAU};
+use std::f32::consts::FRAC_1_PI;
 
 /// Scattering function times the cosine [1/sr].
 #[inline]
@@ -29,7 +30,5 @@ pub fn sample(reflectance: Rgb, normal: UnitVec3, u: [f32; 2]) -> BsdfSample {
 #[inline]
 pub fn cosine_direction(u: [f32; 2]) -> Vec3 {
     let cosine = (1.0 - u[0]).sqrt();
-    let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-    let sine = u[0].sqrt();
-    Vec3::new(sine * cos_phi, sine * sin_phi, cosine)
+    (u[0].sqrt() * on_circle(u[1])).extend(cosine)
 }

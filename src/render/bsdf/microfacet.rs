@@ -3,9 +3,10 @@
 //!
 //! Directions are in a frame whose third axis is the surface's normal, and point away from the surface.
 
+use crate::math::circle::on_circle;
 use crate::math::space::UnitVec3;
 use glam::Vec3;
-use std::f32::consts::{FRAC_1_PI, TAU};
+use std::f32::consts::FRAC_1_PI;
 
 /// Roughness below which a surface is taken for perfectly smooth: its highlight would be narrower than what single
 /// precision tells apart.
@@ -68,8 +69,7 @@ impl Ggx {
         // On a hemisphere of unit size, reflected light fills a cap evenly.
         let z = (1.0 - u[0]) * (1.0 + stretched.z) - stretched.z;
         let sine = (1.0 - z * z).max(0.0).sqrt();
-        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
-        let h = Vec3::new(sine * cos_phi, sine * sin_phi, z) + stretched;
+        let h = (sine * on_circle(u[1])).extend(z) + stretched;
         Vec3::new(h.x * self.alpha, h.y * self.alpha, h.z.max(1e-7)).normalize()
     }
 

@@ -57,11 +57,6 @@ impl CameraCourse {
         points || lens || self.vertical_fov_deg.varies()
     }
 
-    /// What it looks at at a time [s, m].
-    pub fn look_at(&self, time: f64) -> DVec3 {
-        self.look_at.at(time)
-    }
-
     /// The camera at a time [s].
     ///
     /// # Errors

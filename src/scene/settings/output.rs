@@ -188,3 +188,40 @@ pub enum View {
     /// Cut at 1, no transfer curve.
     Raw,
 }
+
+impl View {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Standard, Self::Neutral, Self::Agx, Self::FalseColor, Self::Raw];
+
+    /// Its name in a scene.
+    pub fn name(self) -> &'static str {
+        self.entry().0
+    }
+
+    /// What it does, in a few words.
+    pub fn summary(self) -> &'static str {
+        self.entry().1
+    }
+
+    fn entry(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Standard => ("standard", "Cut at 1, sRGB transfer curve"),
+            Self::Neutral => ("neutral", "Khronos PBR Neutral: highlights rolled off above 0.8"),
+            Self::Agx => ("agx", "AgX as Blender shows it"),
+            Self::FalseColor => ("false_color", "A colour for each stop of luminance"),
+            Self::Raw => ("raw", "Cut at 1, no transfer curve"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_have_the_names_that_scenes_know() {
+        for view in View::ALL {
+            assert_eq!(serde_json::to_value(view).unwrap(), view.name());
+        }
+    }
+}
