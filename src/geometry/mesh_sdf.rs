@@ -118,10 +118,13 @@ impl MeshSdf {
         self.inner.memory_bytes() + self.outer.memory_bytes()
     }
 
-    /// Signed distance [m].
+    /// Signed distance [m], to the bit as [`MeshSdf::at`] has it.
     #[inline(always)]
     pub fn distance<L: Lane>(&self, p: [L; 3]) -> L {
-        self.at(p).value
+        p[0].outlined(
+            #[inline(always)]
+            || self.distance_here(p),
+        )
     }
 
     /// Signed distance [m] with its gradient, that of the interpolated field itself: continuously differentiable, and
@@ -151,6 +154,24 @@ impl MeshSdf {
         let difference = inner.minus(&outer);
         let mixed = outer.plus(&difference.times(&weight));
         Scalar::select_lt(inward, blend, Scalar::select_lt(zero, inward, mixed, outer), inner)
+    }
+
+    /// As [`MeshSdf::at_here`], of which it takes the values alone: derivatives that nobody reads are not computed.
+    #[inline(always)]
+    fn distance_here<L: Lane>(&self, p: [L; 3]) -> L {
+        let (zero, blend) = (p[0].lit(0.0), p[0].lit(self.blend));
+        let inward = self.inward(p);
+        if !inward.any_lt(blend) {
+            return self.inner.value(p);
+        }
+        let outer = Scalar { value: self.outer.value(p), gradient: [zero; 3] };
+        let outer = self.beyond_all_samples(p, outer).value;
+        if !zero.any_lt(inward) {
+            return outer;
+        }
+        let inner = self.inner.value(p);
+        let mixed = outer + (inner - outer) * self.inner_weight(Jet::point(p)).value;
+        inward.select_lt(blend, zero.select_lt(inward, mixed, outer), inner)
     }
 
     /// How deep inside the inner lattice a point lies [m].
@@ -328,12 +349,14 @@ mod tests {
             for group in all.chunks(L::WIDTH) {
                 let axis = |a: usize| group.iter().map(|p| p[a]).collect::<Vec<_>>();
                 let p = triple!(a => zero.load(&axis(a)));
-                let found = self.0.at(p);
+                let (found, distance) = (self.0.at(p), self.0.distance(p));
                 for (i, p) in group.iter().enumerate() {
                     // Whatever its neighbours are, a lane comes out to the bit as among copies of itself.
                     let alone = self.0.at(triple!(a => zero.lit(f64::from(p[a]))));
                     let exact = self.0.at(p.map(f64::from));
                     assert_eq!(found.value.lane(i), alone.value.lane(0));
+                    assert_eq!(found.value.lane(i), distance.lane(i));
+                    assert_eq!(exact.value, self.0.distance(p.map(f64::from)));
                     assert!((found.value.lane(i) - exact.value).abs() < 2e-6, "{p:?}");
                     for a in 0..3 {
                         assert_eq!(found.gradient[a].lane(i), alone.gradient[a].lane(0));

@@ -108,32 +108,26 @@ impl Spline {
         )
     }
 
+    /// The field at `p` [m], to the bit as [`Spline::at`] has it.
+    #[inline(never)]
+    pub fn value<L: Lane>(&self, p: [L; 3]) -> L {
+        p[0].outlined(
+            #[inline(always)]
+            || self.value_here(p),
+        )
+    }
+
     #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn at_here<L: Lane>(&self, p: [L; 3]) -> Scalar<L> {
-        let [x, y, z]: [Weights<L>; 3] = triple!(axis => self.weights(p[axis], axis));
-        let dims = self.coefficients.dims();
-        let (row, slice) = (dims.x as usize, dims.x as usize * dims.y as usize);
-        let coefficients = self.coefficients.values();
-        let mut first = [0; MAX_WIDTH];
-        for lane in 0..L::WIDTH {
-            let (i, j, k) = (x.first.lane(lane) as usize, y.first.lane(lane) as usize, z.first.lane(lane) as usize);
-            first[lane] = i + j * row + k * slice;
-        }
+        let weights @ [x, y, z]: [Weights<L>; 3] = triple!(axis => self.weights(p[axis], axis));
+        let first = self.first(&weights);
         let zero = p[0].lit(0.0);
         let mut sum = Scalar { value: zero, gradient: [zero; 3] };
         for k in 0..4 {
             // Summed along x and y: the field, and its derivatives by x and y.
             let [mut s, mut by_x, mut by_y] = [zero; 3];
             for j in 0..4 {
-                let offset = j * row + k * slice;
-                let [c0, c1, c2, c3] = p[0].gather_four(
-                    #[inline(always)]
-                    |lane| {
-                        let at = first[lane] + offset;
-                        &coefficients[at..at + 4]
-                    },
-                );
+                let [c0, c1, c2, c3] = self.row(p[0], &first, j, k);
                 let value = c0.mul_add(x.value[0], c1.mul_add(x.value[1], c2.mul_add(x.value[2], c3 * x.value[3])));
                 let slope = c0.mul_add(x.slope[0], c1.mul_add(x.slope[1], c2.mul_add(x.slope[2], c3 * x.slope[3])));
                 s = value.mul_add(y.value[j], s);
@@ -146,6 +140,52 @@ impl Spline {
             sum.gradient[2] = s.mul_add(z.slope[k], sum.gradient[2]);
         }
         sum
+    }
+
+    #[inline(always)]
+    fn value_here<L: Lane>(&self, p: [L; 3]) -> L {
+        let weights @ [x, y, z]: [Weights<L>; 3] = triple!(axis => self.weights(p[axis], axis));
+        let first = self.first(&weights);
+        let mut sum = p[0].lit(0.0);
+        for k in 0..4 {
+            let mut s = p[0].lit(0.0);
+            for j in 0..4 {
+                let [c0, c1, c2, c3] = self.row(p[0], &first, j, k);
+                let value = c0.mul_add(x.value[0], c1.mul_add(x.value[1], c2.mul_add(x.value[2], c3 * x.value[3])));
+                s = value.mul_add(y.value[j], s);
+            }
+            sum = s.mul_add(z.value[k], sum);
+        }
+        sum
+    }
+
+    /// Where the coefficients begin that count for each lane.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn first<L: Lane>(&self, [x, y, z]: &[Weights<L>; 3]) -> [usize; MAX_WIDTH] {
+        let dims = self.coefficients.dims();
+        let (row, slice) = (dims.x as usize, dims.x as usize * dims.y as usize);
+        let mut first = [0; MAX_WIDTH];
+        for lane in 0..L::WIDTH {
+            let (i, j, k) = (x.first.lane(lane) as usize, y.first.lane(lane) as usize, z.first.lane(lane) as usize);
+            first[lane] = i + j * row + k * slice;
+        }
+        first
+    }
+
+    /// Four coefficients along x, the `j`th and `k`th along y and z from the `first` of each lane.
+    #[inline(always)]
+    fn row<L: Lane>(&self, like: L, first: &[usize; MAX_WIDTH], j: usize, k: usize) -> [L; 4] {
+        let dims = self.coefficients.dims();
+        let offset = dims.x as usize * (j + k * dims.y as usize);
+        let coefficients = self.coefficients.values();
+        like.gather_four(
+            #[inline(always)]
+            |lane| {
+                let at = first[lane] + offset;
+                &coefficients[at..at + 4]
+            },
+        )
     }
 
     #[inline(always)]

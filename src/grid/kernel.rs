@@ -137,20 +137,13 @@ impl Kernel {
 }
 
 /// First and last voxel whose centre is within `radius` of `center` along each axis.
+#[inline(always)]
 pub(crate) fn reach(center: DVec3, radius: f64) -> (IVec3, IVec3) {
-    let (low, high) = (center - radius, center + radius);
-    (low.to_array().map(|x| -floor(-x)).into(), high.to_array().map(floor).into())
-}
-
-/// The floor of a number in the range of `i32`; the baseline processor has no instruction for it, and the library call
-/// would cost more than the kernel.
-#[inline]
-fn floor(x: f64) -> i32 {
-    let truncated = x as i32;
-    truncated - i32::from(f64::from(truncated) > x)
+    ((center - radius).ceil().as_ivec3(), (center + radius).floor().as_ivec3())
 }
 
 /// True when a kernel of `radius` about `center` reaches a voxel of `brick`.
+#[inline(always)]
 pub(crate) fn touches(center: DVec3, radius: f64, brick: IVec3) -> bool {
     let low = (brick * BRICK_EDGE as i32).as_dvec3();
     (center - radius).cmple(low + (BRICK_EDGE - 1) as f64).all() && (center + radius).cmpge(low).all()

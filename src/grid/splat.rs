@@ -19,7 +19,7 @@ use glam::{DVec3, IVec3, U64Vec3, UVec3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::grid::streak::{Extent, Streaks};
+use crate::grid::streak::{Extent, Streaks, WAY_BYTES, Way, Ways};
 pub use crate::grid::streak::{MAX_PIECES, SplatInput};
 
 /// Most particles of a batch.
@@ -28,11 +28,11 @@ const BATCH: usize = 1 << 22;
 const FIRST_BATCH: usize = 1 << 17;
 /// Pairs of a piece and a brick in a batch, unless it is of a single particle. Bricks that many batches reach are read and written
 /// as often; pairs take memory.
-const BATCH_TOUCHES: u64 = 1 << 23;
+const BATCH_TOUCHES: u64 = 1 << 21;
 /// The same near obstacles, where pairs take more memory.
 const BATCH_TOUCHES_SOFT: u64 = 1 << 20;
-/// Memory of a pair while pairs are sorted [bytes].
-const TOUCH_BYTES: u64 = 2 * size_of::<u64>() as u64;
+/// Memory of a pair while pairs are sorted, with what is known of its piece [bytes].
+const TOUCH_BYTES: u64 = 2 * size_of::<u64>() as u64 + WAY_BYTES;
 /// The same of one near obstacles: what is seen, and shares as they are found and as they are collected.
 const TOUCH_BYTES_SOFT: u64 = TOUCH_BYTES + 64 + 48;
 /// Memory of a quantity that is carried in a brick: its sums, its means, and both as they are written to a file [bytes].
@@ -163,7 +163,8 @@ impl SplatSum {
         let batch_bytes = extent.touches.saturating_mul(touch_bytes);
         self.check_memory(all, self.bricks.len(), batch_bytes)?;
         let dims = (extent.high - extent.low + 1).as_uvec3();
-        let pairs = sorted_pairs(streaks, &range, extent.low, dims);
+        let ways = Ways::new(streaks, &range);
+        let pairs = sorted_pairs(&ways, extent.low, dims);
         let coord = |pair: u64| extent.low + place_to_brick((pair >> 32) as u32, dims).as_ivec3();
         let groups = pairs.chunk_by(|a, b| a >> 32 == b >> 32);
         let pairs: Vec<BrickPairs> =
@@ -178,13 +179,13 @@ impl SplatSum {
         let walls = sight.map(|sight| {
             let mut distances: Vec<&mut Option<Box<BrickDistances>>> =
                 sums.iter_mut().map(|sum| &mut sum.distances).collect();
-            Walls::measure(streaks, sight, range.clone(), &pairs, &mut distances)
+            Walls::measure(&ways, sight, &pairs, &mut distances)
         });
         parallel::for_each_mut(&mut sums, |n, sum| {
             let BrickSum { values, carried, distances } = &mut **sum;
             let walls = walls.as_ref().zip(distances.as_deref());
             let seen = walls.map(|(walls, distances)| walls.of_brick(n, distances));
-            run_kernel(AddBrick { streaks, pairs: &pairs[n], seen, values, carried });
+            run_kernel(AddBrick { ways: &ways, pairs: &pairs[n], seen, values, carried });
         });
         for (pairs, sum) in pairs.iter().zip(sums) {
             self.bricks.insert(brick_key(pairs.brick), sum);
@@ -272,9 +273,10 @@ fn fitting(count: usize, touches: u64, most: u64) -> usize {
 
 /// Place of the brick in the box (upper half) and particle, counted from the first of the range (lower half), of every pair, in
 /// order.
-fn sorted_pairs(streaks: &Streaks, range: &Range<usize>, low: IVec3, dims: UVec3) -> Vec<u64> {
+fn sorted_pairs(ways: &Ways, low: IVec3, dims: UVec3) -> Vec<u64> {
+    let range = ways.range();
     let mut pairs: Vec<u64> = parallel::gather(range.len(), |n, pairs| {
-        streaks.for_each_brick(range.start + n, |brick| {
+        ways.for_each_brick(range.start + n, |brick| {
             let p = (brick - low).as_uvec3();
             let place = (p.z * dims.y + p.y) * dims.x + p.x;
             pairs.push(u64::from(place) << 32 | n as u64);
@@ -308,8 +310,8 @@ fn brick_of(key: u64) -> IVec3 {
 }
 
 /// Adds its pairs to a brick in their order.
-struct AddBrick<'a, 'b> {
-    streaks: &'a Streaks<'b>,
+struct AddBrick<'a> {
+    ways: &'a Ways<'a>,
     pairs: &'a BrickPairs<'a>,
     /// What particles near walls see of the brick, if there are any.
     seen: Option<SeenPieces<'a>>,
@@ -317,22 +319,21 @@ struct AddBrick<'a, 'b> {
     carried: &'a mut [[f64; BRICK_VOXELS]],
 }
 
-impl lanes::Kernel for AddBrick<'_, '_> {
+impl lanes::Kernel for AddBrick<'_> {
     type Output = ();
 
     // For the instruction set alone: voxels of a row are added side by side by the compiler.
     #[inline(always)]
     fn run<L: Batch>(mut self, _: L) {
-        let (brick, streaks) = (self.pairs.brick, self.streaks);
+        let (brick, streaks) = (self.pairs.brick, self.ways.streaks());
         let mut kernel = Kernel::zeroed();
         for &pair in self.pairs.pairs {
             let i = self.pairs.particle(pair);
-            let (radius, count) = (streaks.radius(i), streaks.piece_count(i));
+            let (Way { radius, density, .. }, centers) = self.ways.of(i);
             let seen = self.seen.as_mut().and_then(|seen| Some((seen.share(i)?, seen)));
             if let Some((share, seen)) = seen {
-                let amount = streaks.density(i) * gain(share) / f64::from(count);
-                for k in 0..count {
-                    let center = streaks.center(i, k, count);
+                let amount = density * gain(share) / centers.len() as f64;
+                for &center in centers {
                     if touches(center, radius, brick) {
                         kernel.place(center, radius);
                         let Some(piece) = seen.next() else { continue };
@@ -344,9 +345,8 @@ impl lanes::Kernel for AddBrick<'_, '_> {
                 }
                 continue;
             }
-            let amount = streaks.density(i) / f64::from(count);
-            for k in 0..count {
-                let center = streaks.center(i, k, count);
+            let amount = density / centers.len() as f64;
+            for &center in centers {
                 if touches(center, radius, brick) {
                     kernel.place(center, radius);
                     kernel.add_to(self.values, brick, amount);

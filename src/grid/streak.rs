@@ -200,7 +200,7 @@ impl<'a> Streaks<'a> {
 
     /// Centre of piece `k` of the `count` of particle `i`. Pieces are equal parts of the time, not of the way.
     #[inline(always)]
-    pub fn center(&self, i: usize, k: u32, count: u32) -> DVec3 {
+    fn center(&self, i: usize, k: u32, count: u32) -> DVec3 {
         let [open, close] = self.shutter;
         let time = open + (close - open) * (f64::from(k) + 0.5) / f64::from(count);
         self.position(i, time) * self.inverse_voxel_size - 0.5
@@ -211,46 +211,126 @@ impl<'a> Streaks<'a> {
         Self::vector(&self.input.position, i) * self.inverse_voxel_size - 0.5
     }
 
-    /// Middle of the streak of particle `i`, and how far from there it reaches.
-    pub fn middle(&self, i: usize) -> (DVec3, f64) {
+    /// Middle of the streak of particle `i`, whose pieces are at `centers`, and how far from there it reaches.
+    pub fn middle(&self, i: usize, centers: &[DVec3]) -> (DVec3, f64) {
         let [open, close] = self.shutter;
         let middle = self.position(i, 0.5 * (open + close)) * self.inverse_voxel_size - 0.5;
         if self.input.bends.is_none() {
             let length = self.velocity(i, 0.0).length() * (close - open).abs();
             return (middle, 0.5 * length * self.inverse_voxel_size);
         }
-        let count = self.piece_count(i);
-        let reach = (0..count).map(|k| self.center(i, k, count).distance(middle)).fold(0.0, f64::max);
-        (middle, reach)
+        (middle, centers.iter().map(|center| center.distance(middle)).fold(0.0, f64::max))
     }
 
-    /// First and last brick that each piece of particle `i` reaches; none for one that weighs nothing.
-    pub fn brick_ranges(&self, i: usize) -> impl Iterator<Item = (IVec3, IVec3)> {
-        let (radius, count) = (self.radius(i), self.piece_count(i));
-        let pieces = if self.has_mass(i) { 0..count } else { 0..0 };
-        pieces.map(move |k| {
-            let (low, high) = reach(self.center(i, k, count), radius);
-            (low >> 3, high >> 3)
-        })
+    /// The centres of the pieces of particle `i`; none for one that weighs nothing.
+    fn centers(&self, i: usize) -> impl Iterator<Item = DVec3> {
+        let count = if self.has_mass(i) { self.piece_count(i) } else { 0 };
+        (0..count).map(move |k| self.center(i, k, count))
+    }
+
+    /// First and last brick that any particle of a range reaches, and how many pairs of a piece and a brick there are.
+    pub fn extent(&self, range: Range<usize>) -> Option<Extent> {
+        let of_particle = |i: usize| {
+            let radius = self.radius(i);
+            let of_piece = |center: DVec3| {
+                let (low, high) = brick_range(center, radius);
+                Extent { low, high, touches: (high - low + 1).as_u64vec3().element_product() }
+            };
+            self.centers(i).map(of_piece).reduce(Extent::union)
+        };
+        parallel::reduce(range.len(), |n| of_particle(range.start + n), Extent::union)
+    }
+}
+
+/// First and last brick that a kernel of `radius` about `center` reaches.
+#[inline(always)]
+fn brick_range(center: DVec3, radius: f64) -> (IVec3, IVec3) {
+    let (low, high) = reach(center, radius);
+    (low >> 3, high >> 3)
+}
+
+/// Where the pieces of the particles of a batch are, and what they weigh: each is asked for by every brick that it reaches, and
+/// what it is made of lies in a dozen arrays.
+pub(crate) struct Ways<'a> {
+    streaks: &'a Streaks<'a>,
+    /// Number of the first particle.
+    first: usize,
+    ways: Vec<Way>,
+    centers: Vec<DVec3>,
+}
+
+/// What all pieces of a particle have in common.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Way {
+    /// Of the kernel [voxels].
+    pub radius: f64,
+    /// Sum of the densities of the voxels that all pieces make.
+    pub density: f64,
+    /// Where its pieces begin among all centres, and how many there are.
+    first_piece: u32,
+    piece_count: u32,
+}
+
+/// Most memory of a piece and of a particle in [`Ways`] while they are collected [bytes].
+pub(crate) const WAY_BYTES: u64 = (2 * size_of::<DVec3>() + size_of::<Way>()) as u64;
+
+impl<'a> Ways<'a> {
+    /// Those of the particles of `range`.
+    pub fn new(streaks: &'a Streaks<'a>, range: &Range<usize>) -> Self {
+        let mut ways = parallel::map(range.len(), |n| {
+            let i = range.start + n;
+            let piece_count = if streaks.has_mass(i) { streaks.piece_count(i) } else { 0 };
+            Way { radius: streaks.radius(i), density: streaks.density(i), first_piece: 0, piece_count }
+        });
+        let mut next = 0;
+        for way in &mut ways {
+            way.first_piece = next;
+            next += way.piece_count;
+        }
+        let centers = parallel::gather(range.len(), |n, centers| {
+            let count = ways[n].piece_count;
+            centers.extend((0..count).map(|k| streaks.center(range.start + n, k, count)));
+        });
+        Self { streaks, first: range.start, ways, centers }
+    }
+
+    /// The particles themselves.
+    pub fn streaks(&self) -> &'a Streaks<'a> {
+        self.streaks
+    }
+
+    /// Numbers of the particles.
+    pub fn range(&self) -> Range<usize> {
+        self.first..self.first + self.ways.len()
+    }
+
+    /// What the pieces of particle `i` have in common, and their centres; none for one that weighs nothing.
+    #[inline(always)]
+    pub fn of(&self, i: usize) -> (Way, &[DVec3]) {
+        let way = self.ways[i - self.first];
+        (way, &self.centers[way.first_piece as usize..][..way.piece_count as usize])
     }
 
     /// Calls `visit` once for each brick that particle `i` reaches.
     pub fn for_each_brick(&self, i: usize, mut visit: impl FnMut(IVec3)) {
+        let (Way { radius, .. }, centers) = self.of(i);
         let mut last = (IVec3::ONE, IVec3::ZERO);
-        for (piece, (low, high)) in self.brick_ranges(i).enumerate() {
+        for (piece, &center) in centers.iter().enumerate() {
+            let (low, high) = brick_range(center, radius);
             // A straight streak reached by an earlier piece and by this one was reached by the piece between them too, so that
             // comparing with the last piece is enough. One that bends may come back.
             if (low, high) == last {
                 continue;
             }
-            let before = if self.input.bends.is_some() { 0 } else { piece.saturating_sub(1) };
+            let before = if self.streaks.input.bends.is_some() { 0 } else { piece.saturating_sub(1) };
             for z in low.z..=high.z {
                 for y in low.y..=high.y {
                     for x in low.x..=high.x {
                         let brick = IVec3::new(x, y, z);
                         let holds = |&(low, high): &(IVec3, IVec3)| brick.cmpge(low).all() && brick.cmple(high).all();
                         let is_new = !holds(&last)
-                            && (piece - before < 2 || !self.brick_ranges(i).take(piece - 1).any(|range| holds(&range)));
+                            && (piece - before < 2
+                                || !centers[..piece - 1].iter().any(|&center| holds(&brick_range(center, radius))));
                         if is_new {
                             visit(brick);
                         }
@@ -259,19 +339,6 @@ impl<'a> Streaks<'a> {
             }
             last = (low, high);
         }
-    }
-
-    /// First and last brick that any particle of a range reaches, and how many pairs of a piece and a brick there are.
-    pub fn extent(&self, range: Range<usize>) -> Option<Extent> {
-        let of_particle = |i: usize| {
-            let of_piece = |(low, high): (IVec3, IVec3)| Extent {
-                low,
-                high,
-                touches: (high - low + 1).as_u64vec3().element_product(),
-            };
-            self.brick_ranges(i).map(of_piece).reduce(Extent::union)
-        };
-        parallel::reduce(range.len(), |n| of_particle(range.start + n), Extent::union)
     }
 }
 
@@ -321,10 +388,12 @@ mod tests {
 
     fn check_that_bricks_are_listed_once(input: &SplatInput) {
         let streaks = Streaks::try_new(input, 1.0, [-0.5, 0.5], 0).unwrap();
+        let ways = Ways::new(&streaks, &(0..1));
         let mut listed = Vec::new();
-        streaks.for_each_brick(0, |b| listed.push(b.to_array()));
+        ways.for_each_brick(0, |b| listed.push(b.to_array()));
         let mut expected: Vec<[i32; 3]> = streaks
-            .brick_ranges(0)
+            .centers(0)
+            .map(|center| brick_range(center, streaks.radius(0)))
             .flat_map(|(a, b)| {
                 (a.x..=b.x).flat_map(move |x| (a.y..=b.y).flat_map(move |y| (a.z..=b.z).map(move |z| [x, y, z])))
             })

@@ -5,7 +5,7 @@
 
 use crate::grid::kernel::{Kernel, touches};
 use crate::grid::soft::{BrickDistances, Lines, Seen, Sight, Sounding, faded_row};
-use crate::grid::streak::Streaks;
+use crate::grid::streak::{Way, Ways};
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS};
 use crate::math::lanes::{self, Batch, run_kernel};
 use crate::math::parallel;
@@ -40,17 +40,16 @@ pub(crate) struct Walls<'a> {
 }
 
 impl<'a> Walls<'a> {
-    /// What is left of the particles of `range`, found brick by brick and added up in the order of bricks. `distances` get those of
+    /// What is left of the particles, found brick by brick and added up in the order of bricks. `distances` get those of
     /// bricks that a particle near a wall reaches.
     pub fn measure(
-        streaks: &Streaks,
+        ways: &Ways,
         sight: &'a Sight<'a>,
-        range: Range<usize>,
         bricks: &[BrickPairs],
         distances: &mut [&mut Option<Box<BrickDistances>>],
     ) -> Self {
-        let first = range.start;
-        let Soundings { near, pieces } = Soundings::new(streaks, sight, range);
+        let first = ways.range().start;
+        let Soundings { near, pieces } = Soundings::new(ways, sight);
         let mut kept: Vec<Option<f64>> = near.iter().map(|near| near.map(|_| 0.0)).collect();
         let near_of = |b: &BrickPairs, pair: u64| Some((b.particle(pair), near[b.particle(pair) - first]?));
         let measured = parallel::try_map(bricks.iter().zip(distances), |_, (b, distances)| {
@@ -59,7 +58,7 @@ impl<'a> Walls<'a> {
                 return Ok::<_, std::convert::Infallible>((Vec::new(), Vec::new()));
             }
             let distances = distances.get_or_insert_with(|| sight.of_brick(b.brick));
-            let mut pass = FirstPass::new(streaks, sight, b.brick, distances);
+            let mut pass = FirstPass::new(ways, sight, b.brick, distances);
             near.iter().for_each(|&(i, first_piece)| pass.look(i, &pieces[first_piece..]));
             sight.follow(&mut pass.lines, &mut pass.seen);
             let mut next = 0;
@@ -101,12 +100,13 @@ struct Soundings {
 const BEHIND: f64 = -1.0;
 
 impl Soundings {
-    fn new(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Self {
+    fn new(ways: &Ways, sight: &Sight) -> Self {
         /// Particles that are asked for together: enough to fill lanes.
         const TOGETHER: usize = 1024;
+        let range = ways.range();
         let found = parallel::map(range.len().div_ceil(TOGETHER), |n| {
             let start = range.start + n * TOGETHER;
-            sound_together(streaks, sight, start..range.end.min(start + TOGETHER))
+            sound_together(ways, sight, start..range.end.min(start + TOGETHER))
         });
         let mut all = Self { near: Vec::with_capacity(range.len()), pieces: Vec::new() };
         for Self { near, pieces } in found {
@@ -118,29 +118,29 @@ impl Soundings {
     }
 }
 
-fn sound_together(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Soundings {
-    let middles: Vec<_> = range.clone().map(|i| streaks.middle(i)).collect();
+fn sound_together(ways: &Ways, sight: &Sight, range: Range<usize>) -> Soundings {
+    let streaks = ways.streaks();
+    let middles: Vec<_> = range.clone().map(|i| streaks.middle(i, ways.of(i).1)).collect();
     let places: Vec<_> = middles.iter().map(|(place, _)| *place).collect();
     let mut near = Vec::with_capacity(range.len());
     let (mut particles, mut centers) = (Vec::new(), Vec::new());
     for ((i, (middle, half_length)), distance) in range.zip(middles).zip(sight.sound_all(&places)) {
         let own = streaks.own_place(i);
         // A shutter that is open at another time than the particle's instant: the line of sight to the pieces counts.
-        let radius = streaks.radius(i);
+        let (Way { radius, .. }, pieces) = ways.of(i);
         let reach = radius * 3f64.sqrt() + half_length.max(middle.distance(own));
         let is_near = streaks.has_mass(i) && distance < reach + sight.soft_radius(radius);
         near.push(is_near.then_some(centers.len()));
         if is_near {
-            let count = streaks.piece_count(i);
             let distance = if own == middle { distance } else { sight.sound(own).distance };
-            particles.push((Sight::sounding_of_particle(own, distance), count));
-            centers.extend((0..count).map(|k| streaks.center(i, k, count)));
+            particles.push((Sight::sounding_of_particle(own, distance), pieces.len()));
+            centers.extend(pieces);
         }
     }
     let mut pieces = sight.sound_all(&centers);
     let mut first = 0;
     for (own, count) in particles {
-        for piece in first..first + count as usize {
+        for piece in first..first + count {
             let at = if centers[piece] == own.place {
                 own
             } else {
@@ -148,7 +148,7 @@ fn sound_together(streaks: &Streaks, sight: &Sight, range: Range<usize>) -> Soun
             };
             pieces[piece] = if sight.is_clear(own, at) { at.distance } else { BEHIND };
         }
-        first += count as usize;
+        first += count;
     }
     Soundings { near, pieces }
 }
@@ -158,7 +158,7 @@ const LINES: usize = 1024;
 
 /// The first pass over one brick.
 struct FirstPass<'a> {
-    streaks: &'a Streaks<'a>,
+    ways: &'a Ways<'a>,
     sight: &'a Sight<'a>,
     brick: IVec3,
     distances: &'a BrickDistances,
@@ -169,17 +169,16 @@ struct FirstPass<'a> {
 }
 
 impl<'a> FirstPass<'a> {
-    fn new(streaks: &'a Streaks, sight: &'a Sight, brick: IVec3, distances: &'a BrickDistances) -> Self {
+    fn new(ways: &'a Ways, sight: &'a Sight, brick: IVec3, distances: &'a BrickDistances) -> Self {
         let (seen, lines, kernel) = (Vec::new(), Lines::default(), Kernel::zeroed());
-        Self { streaks, sight, brick, distances, seen, lines, kernel }
+        Self { ways, sight, brick, distances, seen, lines, kernel }
     }
 
     /// Adds what each piece of particle `i` sees of the brick, and the lines of sight that are yet to be followed. `distances` are
     /// those of its pieces.
     fn look(&mut self, i: usize, distances: &[f64]) {
-        let (radius, count) = (self.streaks.radius(i), self.streaks.piece_count(i));
-        for (k, &distance) in (0..count).zip(distances) {
-            let center = self.streaks.center(i, k, count);
+        let (Way { radius, .. }, centers) = self.ways.of(i);
+        for (&center, &distance) in centers.iter().zip(distances) {
             if !touches(center, radius, self.brick) {
                 continue;
             }
@@ -201,11 +200,10 @@ impl<'a> FirstPass<'a> {
     /// The share of the weight of particle `i` that is seen of the brick, once all lines are followed. `next` is the number of its
     /// first piece, and of the one after its last afterwards.
     fn share(&mut self, i: usize, next: &mut usize) -> f64 {
-        let (radius, count) = (self.streaks.radius(i), self.streaks.piece_count(i));
+        let (Way { radius, .. }, centers) = self.ways.of(i);
         let inverse_soft = 1.0 / self.sight.soft_radius(radius);
         let mut share = 0.0;
-        for k in 0..count {
-            let center = self.streaks.center(i, k, count);
+        for &center in centers {
             if touches(center, radius, self.brick) {
                 let seen = &self.seen[*next];
                 *next += 1;
@@ -216,7 +214,7 @@ impl<'a> FirstPass<'a> {
                 }
             }
         }
-        share / f64::from(count)
+        share / centers.len() as f64
     }
 }
 

@@ -247,20 +247,21 @@ impl<S: Simd> Lane for Lanes<S> {
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn gather_four<'a>(self, mut f: impl FnMut(usize) -> &'a [f32]) -> [Self; 4] {
-        let mut numbers = [[0.0; MAX_WIDTH]; 4];
+        let mut found = [[0.0; 4]; MAX_WIDTH];
         for i in 0..Self::WIDTH {
-            let found = &f(i)[..4];
-            numbers[0][i] = found[0];
-            numbers[1][i] = found[1];
-            numbers[2][i] = found[2];
-            numbers[3][i] = found[3];
+            // Element by element, since `copy_from_slice` is not certain to be inlined.
+            let four = &f(i)[..4];
+            found[i] = [four[0], four[1], four[2], four[3]];
         }
-        [
-            self.wrap(S::f32s::from_slice(self.simd, &numbers[0][..Self::WIDTH])),
-            self.wrap(S::f32s::from_slice(self.simd, &numbers[1][..Self::WIDTH])),
-            self.wrap(S::f32s::from_slice(self.simd, &numbers[2][..Self::WIDTH])),
-            self.wrap(S::f32s::from_slice(self.simd, &numbers[3][..Self::WIDTH])),
-        ]
+        // Every fourth number, by taking every second one twice.
+        let quarters = found.as_flattened();
+        let a = S::f32s::from_slice(self.simd, &quarters[..Self::WIDTH]);
+        let b = S::f32s::from_slice(self.simd, &quarters[Self::WIDTH..][..Self::WIDTH]);
+        let c = S::f32s::from_slice(self.simd, &quarters[2 * Self::WIDTH..][..Self::WIDTH]);
+        let d = S::f32s::from_slice(self.simd, &quarters[3 * Self::WIDTH..][..Self::WIDTH]);
+        let ((even_low, odd_low), (even_high, odd_high)) = (a.deinterleave(b), c.deinterleave(d));
+        let ((first, third), (second, fourth)) = (even_low.deinterleave(even_high), odd_low.deinterleave(odd_high));
+        [self.wrap(first), self.wrap(second), self.wrap(third), self.wrap(fourth)]
     }
     #[inline(always)]
     fn floor(self) -> Self {
@@ -327,6 +328,29 @@ mod tests {
     fn lanes_compute_what_scalars_compute() {
         let numbers: Vec<f32> = (0..1003).map(|i| i as f32 * 0.37).collect();
         run_kernel(EqualToScalar(&numbers));
+    }
+
+    struct Transposed<'a>(&'a [f32]);
+
+    impl Kernel for Transposed<'_> {
+        type Output = ();
+        #[inline(always)]
+        fn run<L: Batch>(self, zero: L) {
+            let at = |lane: usize| &self.0[7 * lane + 3..];
+            let found = zero.gather_four(at);
+            for lane in 0..L::WIDTH {
+                for (n, found) in found.iter().enumerate() {
+                    assert_eq!(found.lane(lane), f64::from(at(lane)[n]), "number {n} of lane {lane}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn four_numbers_for_each_lane_come_transposed() {
+        let numbers: Vec<f32> = (0..7 * MAX_WIDTH as u16).map(f32::from).collect();
+        run_kernel(Transposed(&numbers));
+        run_four_lanes(Transposed(&numbers));
     }
 
     struct WordOf(f32);
