@@ -437,6 +437,27 @@ fn walls_that_turn_too_far_in_a_step_are_told_of() {
         let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);
         assert_eq!(err.contains("turns"), is_told, "{degrees}: {err}");
     }
+    // Nine million steps and a thousand keys: it takes minutes to look at all of them from each step.
+    let keys = |degrees: u32| -> String {
+        let further = (2..=1000).map(|n| format!(", {n}: {{axis: [0, 1, 0], angle: {}}}", (n - 1) * degrees));
+        turning(0)
+            .replace(", 3: {axis: [0, 1, 0], angle: 0}", &further.collect::<String>())
+            .replace("last: 3}", "last: 100000}")
+    };
+    let start = Instant::now();
+    for (degrees, is_told) in [(18_000, true), (100, false)] {
+        folder.write("smoke.yaml", &keys(degrees));
+        let [_, err] = folder.expect(0, &["check", "smoke.yaml", "--set", "smoke.advect.substeps=90"]);
+        assert_eq!(err.contains("`left` turns by 200°"), is_told, "{degrees}: {err}");
+    }
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+    // The first of steps that are alike but for rounding.
+    folder.write(
+        "smoke.yaml",
+        &turning(1080).replace("last: 3}", "last: 3000}").replace("linear, 1", "linear, repeat: true, 1"),
+    );
+    let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);
+    contains(&err, &["`left` turns by 540°", "frame -22"]);
     // What is no wall drags nothing.
     folder.write("smoke.yaml", &turning(1000).replace("[left, right]", "[right]"));
     let [_, err] = folder.expect(0, &["check", "smoke.yaml"]);

@@ -248,3 +248,36 @@ fn progress_is_told_and_cancelling_is_obeyed() {
     assert!(matches!(system.at_frame(20, &cancelled), Err(ParticlesError::Cancelled)));
     assert!(system.at_frame(20, &Silent).is_ok());
 }
+
+/// Stops after some looks.
+struct Stopping(AtomicU64);
+
+impl Progress for Stopping {
+    fn is_cancelled(&self) -> bool {
+        self.0.fetch_sub(1, Ordering::Relaxed) == 0
+    }
+}
+
+#[test]
+fn a_way_is_counted_from_the_frame_before_also_where_it_was_cancelled_or_is_asked_for_again() {
+    let mut alone = system(1000.0, CLASSICAL, 1);
+    alone.at_frame(10, &Silent).unwrap();
+    let first = alone.way();
+    alone.at_frame(20, &Silent).unwrap();
+    let second = alone.way();
+    assert!(
+        first.born > second.born && second.born > 0 && first.born_inside > 0 && second.penetrations > 0,
+        "{first:?} {second:?}"
+    );
+    assert_eq!([alone.born(), alone.born_inside()], [first.born + second.born, first.born_inside + second.born_inside]);
+    alone.at_frame(20, &Silent).unwrap();
+    assert_eq!(alone.way(), second, "asked for again");
+    alone.at_frame(10, &Silent).unwrap();
+    assert_eq!(alone.way(), first, "with its run-up");
+    assert!(alone.at_frame(20, &Stopping(AtomicU64::new(4))).is_err());
+    assert!(alone.way().born < second.born);
+    alone.at_frame(20, &Silent).unwrap();
+    assert_eq!(alone.way(), second, "in two goes");
+    alone.visit_batches::<ParticlesError>(10, 100, &Silent, &mut |_| Ok(())).unwrap();
+    assert_eq!(alone.way(), first, "in batches");
+}

@@ -147,8 +147,10 @@ fn parts_that_make_no_picture_are_refused_by_name() {
     let mut damaged = whole.clone();
     damaged[whole.len() / 2] ^= 4;
     write("damaged.part", &damaged);
-    write("newer.part", &[b"curlsmoke part 2\n", &whole[17..]].concat());
-    let cases: [(i32, &[&str], &[&str]); 16] = [
+    // Sums of the first format have the same heads and other bytes.
+    write("older.part", &[b"curlsmoke part 1\n", &whole[17..]].concat());
+    write("newer.part", &[b"curlsmoke part 9\n", &whole[17..]].concat());
+    let cases: [(i32, &[&str], &[&str]); 17] = [
         (3, &[&a, &b], &["paths 4 to 4 of 4 are in no part", "--samples 4-4"]),
         (3, &[&c, &a], &["paths 2 to 2 of 4 are in no part"]),
         (3, &[&d], &["paths 1 to 3 of 4"]),
@@ -163,6 +165,7 @@ fn parts_that_make_no_picture_are_refused_by_name() {
         (3, &["shorter.part"], &["shorter.part", "cut short or damaged"]),
         (3, &["empty.part"], &["empty.part", "does not begin as one"]),
         (3, &["damaged.part"], &["damaged.part", "cut short or damaged"]),
+        (3, &["older.part"], &["older.part", "another format"]),
         (3, &["newer.part"], &["newer.part", "another format"]),
         (4, &["none.part"], &["none.part: no such file"]),
     ];
@@ -227,6 +230,48 @@ fn there_may_be_more_parts_than_files_may_be_open() {
     assert!(a == b, "the merged picture differs");
 }
 
+#[test]
+fn parts_of_pictures_larger_than_a_scene_may_have_are_refused() {
+    let folder = folder_of(SMOKE);
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "1", "--samples", "1-4"]);
+    let whole = fs::read(folder.path("out/smoke.0001.samples-1-4.part")).unwrap();
+    let head_length = u64::from_le_bytes(whole[17..25].try_into().unwrap()) as usize;
+    let head = String::from_utf8(whole[25..25 + head_length].to_vec()).unwrap();
+    let (frame, bounds) = ("\"resolution\":[16,16]", "\"bounds\":[0,0,16,16]");
+    assert!(head.matches(frame).count() >= 1 && head.matches(bounds).count() == 1, "{head}");
+    let merged = |size: [i64; 2], [x, y]: [i64; 2]| {
+        let head = head
+            .replace(frame, &format!("\"resolution\":{size:?}"))
+            .replace(bounds, &format!("\"bounds\":{:?}", [x, y, x + 16, y + 16]));
+        let mut bytes = whole[..17].to_vec();
+        bytes.extend((head.len() as u64).to_le_bytes());
+        bytes.extend(head.as_bytes());
+        bytes.extend(&whole[25 + head_length..whole.len() - 32]);
+        let hash = sha256(&bytes);
+        bytes.extend((0..32).map(|k| u8::from_str_radix(&hash[2 * k..2 * k + 2], 16).unwrap()));
+        fs::write(folder.path("hostile.part"), bytes).unwrap();
+        folder.run(&["merge", "-o", "merged.exr", "hostile.part"])
+    };
+    let largest = i64::from(i32::MAX);
+    for (size, place) in [
+        ([largest, 16], [largest - 16, 0]),
+        ([largest, largest], [largest - 16, largest - 16]),
+        ([32769, 16], [0, 0]),
+        ([16, 16], [-16385, 0]),
+        ([16, 16], [0, 16385]),
+    ] {
+        let output = merged(size, place);
+        let err = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{size:?} {place:?}: {err}");
+        contains(&err, &["hostile.part", "larger than that of a scene may be"]);
+    }
+    // The corners of what may be are read.
+    for (size, place) in [([32768, 32768], [49136, 49136]), ([16, 16], [-16384, -16384])] {
+        let output = merged(size, place);
+        assert!(output.status.success(), "{size:?} {place:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
 /// A small file that says that it has a tile far away, and a large one of tiles without end, take no memory to refuse.
 #[test]
 fn hostile_parts_keep_to_the_memory_limit() {
@@ -237,7 +282,7 @@ fn hostile_parts_keep_to_the_memory_limit() {
     let head = String::from_utf8(whole[25..25 + head_length].to_vec()).unwrap();
     assert!(head.contains("\"resolution\":[16,16]") && head.contains("\"bounds\":[0,0,16,16]"), "{head}");
     // Millions of tiles of a pixel.
-    let head = head.replace("[16,16]", "[65536,65536]").replace("[0,0,16,16]", "[0,0,65536,65536]");
+    let head = head.replace("[16,16]", "[32768,32768]").replace("[0,0,16,16]", "[-16384,-16384,49152,49152]");
     let edge = head.find("\"tile_edge\":").unwrap() + 12;
     let end = edge + head[edge..].find(',').unwrap();
     let head = format!("{}1{}", &head[..edge], &head[end..]);

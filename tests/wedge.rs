@@ -4,7 +4,7 @@
 mod program;
 
 use curlsmoke::output::png;
-use program::{BALL, Folder, SMOKE, contains};
+use program::{BALL, Folder, SMOKE, contains, hot_smoke};
 use serde_json::Value;
 use std::fs;
 use std::process::{Command, Stdio};
@@ -54,13 +54,33 @@ fn pictures_have_the_bytes_of_render_and_share_their_smoke() {
                 );
             }
             let [made, alone] = [sidecar(&folder, &format!("{own}.json")), sidecar(&folder, "alone.0002.json")];
-            for key in ["particles", "mass", "grid", "fingerprint", "spp"] {
+            for key in ["particles", "penetrations", "born", "born_inside", "mass", "grid", "fingerprint", "spp"] {
                 assert_eq!(made[key], alone[key], "{own}: {key}");
             }
             simulated += usize::from(made["seconds"].get("advect").is_some());
         }
     }
     assert_eq!(simulated, 2, "smoke was made for each picture, not for each mass");
+}
+
+/// What happened to particles on their way is told of each picture, also where kept ones are splatted anew.
+#[test]
+fn sidecars_count_what_happened_to_kept_particles() {
+    let folder = Folder::new();
+    folder.write("smoke.yaml", &hot_smoke().replace("rate: 2000", "rate: 200"));
+    let counts = |name: &str| ["penetrations", "born", "born_inside"].map(|key| sidecar(&folder, name)[key].as_u64());
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "2", "-o", "alone.####.exr"]);
+    let alone = counts("alone.0002.json");
+    assert!(alone[1..].iter().all(|count| count.is_some_and(|count| count > 0)), "{alone:?}");
+    let vary = "smoke.blackbody.temperature=1500,1800";
+    folder.expect(0, &["wedge", "smoke.yaml", "--frame", "2", "-o", "w.png", "--vary", vary]);
+    for temperature in [1500, 1800] {
+        assert_eq!(counts(&format!("w.temperature={temperature}.0002.json")), alone, "{temperature} K");
+    }
+    folder.expect(0, &["turntable", "smoke.yaml", "--at", "2", "--frames", "1-3", "-o", "turn.####.exr"]);
+    for view in 1..=3 {
+        assert_eq!(counts(&format!("turn.{view:04}.json")), alone, "view {view}");
+    }
 }
 
 #[test]

@@ -164,6 +164,25 @@ impl Motion {
         }
     }
 
+    /// The angular velocity that no [turning](Motion::turning) exceeds [rad/s].
+    pub fn fastest_turning(&self) -> f64 {
+        match &self.0 {
+            Course::Poses(keys) => keys.fastest(|a, b| a.rotation.angle_between(b.rotation)),
+            Course::Links { links, .. } => links.iter().map(|link| link.turn.fastest(Turn::way)).sum(),
+        }
+    }
+
+    /// From when to when [s] the body may turn.
+    pub fn turning_course(&self) -> [f64; 2] {
+        match &self.0 {
+            Course::Poses(keys) => keys.course(),
+            Course::Links { links, .. } => {
+                let courses = links.iter().map(|link| link.turn.course());
+                courses.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], [c, d]| [a.min(c), b.max(d)])
+            }
+        }
+    }
+
     /// The motion from `start` [s] on for `duration` [s], of a body whose middle rests at `center`. A span without
     /// duration has the velocity at its instant.
     pub fn span(&self, center: DVec3, start: f64, duration: f64) -> RigidSpan {

@@ -81,40 +81,73 @@ impl<T: Between + Clone> Keys<T> {
         }
     }
 
-    /// How long the way is that the value takes from `start` to `end` [s], there and back counted, where `length` says it of two
-    /// keys that follow each other. Jumps have none.
+    /// From when to when [s] the value may change: from the first key to the last, or always where the course goes on.
+    pub fn course(&self) -> [f64; 2] {
+        let [first, last] = self.ends();
+        if self.repeats && last > first { [f64::NEG_INFINITY, f64::INFINITY] } else { [first, last] }
+    }
+
+    /// How long the way is that the value takes from `start` to a later `end` [s], there and back counted, where `length` says it of
+    /// two keys that follow each other. Jumps have none.
     pub fn way(&self, start: f64, end: f64, length: impl Fn(&T, &T) -> f64) -> f64 {
-        let (first, last) = (self.keys[0].0, self.keys[self.keys.len() - 1].0);
-        // From the first key on.
-        let until = |time: f64| {
-            let mut sum = 0.0;
-            for pair in self.keys.windows(2) {
-                let ((begin, a), (end, b)) = (&pair[0], &pair[1]);
-                let share = ((time - begin) / (end - begin)).clamp(0.0, 1.0);
-                sum += length(a, b)
-                    * match self.interpolation {
+        let [first, last] = self.ends();
+        let from_to = |start: f64, end: f64| -> f64 {
+            let next = self.keys.partition_point(|key| key.0 <= start);
+            let met = self.keys[next.saturating_sub(1)..].windows(2).take_while(|pair| pair[0].0 < end);
+            met.map(|pair| {
+                let gone = |time: f64| {
+                    let share = ((time - pair[0].0) / (pair[1].0 - pair[0].0)).clamp(0.0, 1.0);
+                    match self.interpolation {
                         Interpolation::Linear => share,
                         Interpolation::Ease => cubic_step(share),
                         Interpolation::Step => 0.0,
-                    };
-                if time <= *end {
-                    break;
-                }
-            }
-            sum
+                    }
+                };
+                length(&pair[0].1, &pair[1].1) * (gone(end) - gone(start))
+            })
+            .sum()
         };
-        let is_round = self.repeats && last > first;
-        let gone = |time: f64| {
-            let rounds = if is_round { ((time - first) / (last - first)).floor() } else { 0.0 };
-            until(self.within(time)) + if rounds != 0.0 { rounds * until(last) } else { 0.0 }
+        if !(self.repeats && last > first) {
+            return from_to(start, end);
+        }
+        let ([start, start_round], [end, end_round]) = (self.round(start), self.round(end));
+        if start_round == end_round {
+            return from_to(start, end);
+        }
+        let whole = end_round - start_round - 1.0;
+        from_to(start, last) + if whole > 0.0 { whole * from_to(first, last) } else { 0.0 } + from_to(first, end)
+    }
+
+    /// The speed [1/s] that the value never exceeds, where `length` says how long the way from a key to the next is. Jumps
+    /// have none.
+    pub fn fastest(&self, length: impl Fn(&T, &T) -> f64) -> f64 {
+        let factor = match self.interpolation {
+            Interpolation::Linear => 1.0,
+            // Of t²(3 − 2t), in the middle.
+            Interpolation::Ease => 1.5,
+            Interpolation::Step => 0.0,
         };
-        gone(end) - gone(start)
+        let speed = |pair: &[(f64, T)]| factor * length(&pair[0].1, &pair[1].1) / (pair[1].0 - pair[0].0);
+        self.keys.windows(2).map(speed).fold(0.0, f64::max)
     }
 
     /// The time of the first round at which a course that repeats is the same.
     fn within(&self, time: f64) -> f64 {
-        let (first, last) = (self.keys[0].0, self.keys[self.keys.len() - 1].0);
-        if self.repeats && last > first { first + (time - first).rem_euclid(last - first) } else { time }
+        let [first, last] = self.ends();
+        if self.repeats && last > first { self.round(time)[0] } else { time }
+    }
+
+    /// The time of the first round at which a course that repeats is the same [s], and the number of the round, from 0.
+    fn round(&self, time: f64) -> [f64; 2] {
+        let [first, last] = self.ends();
+        let gone = (time - first).rem_euclid(last - first);
+        // Of the remainder: a quotient near a whole number may be rounded to the other side.
+        [first + gone, ((time - first - gone) / (last - first)).round()]
+    }
+
+    /// Times of the first key and the last [s].
+    fn ends(&self) -> [f64; 2] {
+        [self.keys[0].0, self.keys[self.keys.len() - 1].0]
     }
 }
 
@@ -186,6 +219,7 @@ impl Between for Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::Cell;
     use std::f64::consts::{PI, TAU};
 
     fn course(interpolation: Interpolation, repeats: bool) -> Keys<f64> {
@@ -210,9 +244,57 @@ mod tests {
             }
         }
         assert_eq!(course(Interpolation::Step, false).way(0.0, 9.0, length), 0.0);
+        // A tenth of a second is a little more than its tenth part of one, and yet 1.0 / 0.1 is 10.
+        let round = Keys::new(vec![(0.0, 0.0), (0.1, 6.0)], Interpolation::Linear, true);
+        assert!((round.way(0.95, 1.0, length) - 3.0).abs() < 1e-12, "{}", round.way(0.95, 1.0, length));
         let (axis, quarter) = (DVec3::Y, Turn::Quaternion(DQuat::from_rotation_y(0.5 * PI)));
         assert!((Turn::About(axis, 1.0).way(&Turn::About(axis, 1.0 + 5.0 * TAU)) - 5.0 * TAU).abs() < 1e-12);
         assert!((Turn::About(axis, 3.5 * PI).way(&quarter) - PI).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_way_asks_for_no_more_keys_than_it_meets() {
+        let keys = |repeats| {
+            let values = (0..=1000).map(|n| (f64::from(n), f64::from(n % 2)));
+            Keys::new(values.collect(), Interpolation::Linear, repeats)
+        };
+        for (repeats, start, end, met) in [
+            (false, 700.25, 702.5, 3),
+            (false, -5.0, -1.0, 0),
+            (false, 1000.0, 2000.0, 0),
+            (true, 5700.25, 5702.5, 3),
+            (true, 999.5, 1000.5, 2),
+        ] {
+            let asked = Cell::new(0);
+            let length = |a: &f64, b: &f64| {
+                asked.set(asked.get() + 1);
+                (a - b).abs()
+            };
+            let way = keys(repeats).way(start, end, length);
+            assert_eq!((way, asked.get()), (if met > 0 { end - start } else { 0.0 }, met), "{repeats} {start} {end}");
+        }
+    }
+
+    #[test]
+    fn no_way_is_longer_than_its_time_at_the_fastest() {
+        let length = |a: &f64, b: &f64| (a - b).abs();
+        for (interpolation, fastest) in
+            [(Interpolation::Linear, 1.0), (Interpolation::Ease, 1.5), (Interpolation::Step, 0.0)]
+        {
+            for repeats in [false, true] {
+                let keys = course(interpolation, repeats);
+                assert_eq!(keys.fastest(length), fastest);
+                // The middle between two keys, where eased courses are at their fastest.
+                let share = keys.way(1.499, 1.501, length) / 0.002;
+                assert!((share - fastest).abs() < 1e-5, "{interpolation:?}: {share}");
+                for n in 0..400 {
+                    let start = -3.0 + 0.03 * f64::from(n);
+                    let way = keys.way(start, start + 0.7, length);
+                    assert!(way <= 0.7 * fastest * (1.0 + 1e-12), "{interpolation:?} {repeats} {start}: {way}");
+                }
+                assert_eq!(keys.course() == [1.0, 4.0], !repeats);
+            }
+        }
     }
 
     #[test]

@@ -24,6 +24,7 @@ pub mod view;
 
 /// How the preview maps light to the screen: what a scene may say is all there is. Done in [`view`].
 pub use crate::scene::settings::View;
+pub(crate) use crate::scene::settings::{OVERSCAN_MAX, RESOLUTION_MAX};
 
 use crate::output::image::Image;
 use std::fs::File;

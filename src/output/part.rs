@@ -9,7 +9,7 @@ use crate::output::View;
 use crate::output::file::write_atomic_with;
 use crate::output::image::Attribute;
 use crate::output::sidecar::Sidecar;
-use crate::output::{OutputError, check_memory, check_regular, exr};
+use crate::output::{OVERSCAN_MAX, OutputError, RESOLUTION_MAX, check_memory, check_regular, exr};
 use crate::render::film::PixelBounds;
 use crate::render::layers::Layer;
 use crate::render::ledger::{Canvas, Tile};
@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// What each file begins with; the number is that of the format.
-const MAGIC: &[u8; 17] = b"curlsmoke part 1\n";
+const MAGIC: &[u8; 17] = b"curlsmoke part 2\n";
 /// Length of the hash at the end [bytes].
 const HASH_LENGTH: u64 = 32;
 /// Longest head that is read [bytes]: names of shapes make up most of it.
@@ -31,8 +31,6 @@ const HEAD_MAX: u64 = 64 << 20;
 const HEAD_FACTOR: u64 = 16;
 /// Shortest tile, of which there is one pixel [bytes].
 const TILE_MIN: u64 = 33;
-/// Farthest that pixels are beside the frame in what is read [pixels].
-const BESIDE_MAX: i32 = 1 << 16;
 /// Largest edge of a tile that is read [pixels].
 const EDGE_MAX: u32 = 4096;
 
@@ -92,11 +90,12 @@ impl Head {
     fn problem(&self) -> Option<&'static str> {
         let ([x0, y0, x1, y1], [width, height]) = (self.bounds, self.resolution);
         let is_near = |low: i32, high: i32, size: u32| {
-            let size = i32::try_from(size).unwrap_or(0);
-            low >= -BESIDE_MAX && high <= size.saturating_add(BESIDE_MAX) && size > 0
+            let (beside, size_max) = (i64::from(OVERSCAN_MAX), i64::from(RESOLUTION_MAX));
+            let (low, high, size) = (i64::from(low), i64::from(high), i64::from(size));
+            (1..=size_max).contains(&size) && low >= -beside && high <= size + beside
         };
         if x0 >= x1 || y0 >= y1 || !is_near(x0, x1, width) || !is_near(y0, y1, height) {
-            return Some("its part of the picture is empty or outside");
+            return Some("its part of the picture is empty, or larger than that of a scene may be");
         }
         if !(1..=EDGE_MAX).contains(&self.tile_edge) {
             return Some("its tiles have no size");
@@ -204,7 +203,7 @@ impl PartFile {
         (&mut file).take(MAGIC.len() as u64).read_to_end(&mut magic).map_err(unreadable)?;
         if magic != MAGIC {
             return Err(invalid(match magic.starts_with(b"curlsmoke part ") {
-                true => "it is of another format; merge it with the program that made it",
+                true => "it is of another format, which only the program that made it reads",
                 false => "it does not begin as one; parts are what `curlsmoke render --samples` writes",
             }));
         }

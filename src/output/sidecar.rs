@@ -56,7 +56,8 @@ pub struct Sidecar {
     /// Steps of particles that ended inside an obstacle and were put back on its wall: one particle may have many. Counted
     /// on the way to this frame from the one that the run made before. The first frame of a run, and any that comes before
     /// the one made last, has its run-up in it, from the birth of the oldest particle; its count is larger than that of the
-    /// same frame in a sequence, though its particles are the same.
+    /// same frame in a sequence, though its particles are the same. Pictures for which particles are kept have the count of the
+    /// first of them.
     pub penetrations: u64,
     /// Particles born, counted likewise.
     pub born: u64,

@@ -28,6 +28,8 @@ pub use crate::particles::system::ParticleSystem;
 const PARTICLE_KEYS: u64 = 0x7061_7274;
 /// Turn of a wall in a step from which on its ends do not tell which way round it went [rad], but for rounding.
 const HALF_TURN: f64 = PI * (1.0 - 1e-9);
+/// Part of a turn in a step that times of late steps may lose by rounding, and more.
+const ROUNDED: f64 = 1e-6;
 /// Pieces of a step in which its largest angular velocity is looked for.
 const PIECES: u32 = 16;
 /// Most steps of a frame that a scene may ask for.
@@ -155,11 +157,19 @@ pub fn wall_warnings(scene: &Scene, geometry: &Geometry) -> Vec<String> {
     let walls = geometry.shapes.iter().filter(|shape| is_wall(&shape.name));
     let moving = walls.filter_map(|shape| Some((shape, shape.motion.as_ref()?)));
     let warning = |(shape, motion): (&Shape, &Arc<Motion>)| {
+        // Of millions of steps few walls make anyone look at one.
+        if motion.fastest_turning() * grid.step() < HALF_TURN {
+            return None;
+        }
         let turning = |n: i64| motion.turning(grid.time(n), grid.time(n + 1));
-        let (step, turn) = steps.clone().rev().map(|n| (n, turning(n))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let [from, to] = motion.turning_course().map(|time| grid.step_before(time));
+        let mut steps = steps.start.max(from.saturating_sub(1))..steps.end.min(to.saturating_add(2));
+        let turn = steps.clone().map(turning).fold(0.0, f64::max);
         if turn < HALF_TURN {
             return None;
         }
+        // The first, where only rounding tells it from others.
+        let step = steps.find(|&n| turning(n) >= turn * (1.0 - ROUNDED))?;
         // The frame that it leads to.
         let substeps = i64::from(grid.substeps);
         let frame = i64::from(frames.first) + (step + substeps).div_euclid(substeps);

@@ -111,10 +111,24 @@ pub struct ParticleSystem {
     step: Option<i64>,
     phases: Vec<f32>,
     frame: Particles,
-    penetrations: u64,
-    born: u64,
-    born_inside: u64,
+    /// Since the system was made.
+    all: Way,
+    /// As much of it as was before the way to the frame last asked for.
+    before: Way,
+    /// Whether the frame last asked for was reached.
+    is_there: bool,
     particle_steps: u64,
+}
+
+/// What happened to particles on their way.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Way {
+    /// Steps that ended inside an obstacle and were put back on its wall.
+    pub penetrations: u64,
+    /// Particles born.
+    pub born: u64,
+    /// Those of them that were born inside an obstacle and moved to its surface.
+    pub born_inside: u64,
 }
 
 impl ParticleSystem {
@@ -137,9 +151,9 @@ impl ParticleSystem {
             step: None,
             phases: Vec::new(),
             frame: Particles::default(),
-            penetrations: 0,
-            born: 0,
-            born_inside: 0,
+            all: Way::default(),
+            before: Way::default(),
+            is_there: false,
             particle_steps: 0,
         }
     }
@@ -167,12 +181,23 @@ impl ParticleSystem {
 
     /// Steps that ended inside an obstacle and were put back on its wall, since the system was made.
     pub fn penetrations(&self) -> u64 {
-        self.penetrations
+        self.all.penetrations
     }
 
     /// Particles that were born since the system was made.
     pub fn born(&self) -> u64 {
-        self.born
+        self.all.born
+    }
+
+    /// What happened on the way to the frame last asked for: from the frame reached before it, or from the birth of the oldest
+    /// particle where that one was of no use. A frame that is asked for again keeps its way.
+    pub fn way(&self) -> Way {
+        let (all, before) = (&self.all, &self.before);
+        Way {
+            penetrations: all.penetrations - before.penetrations,
+            born: all.born - before.born,
+            born_inside: all.born_inside - before.born_inside,
+        }
     }
 
     /// The share of an emitter's first particles, 0 to 1, that are born inside obstacles or outside containers; none
@@ -189,7 +214,7 @@ impl ParticleSystem {
 
     /// Particles that were born inside an obstacle and moved to its surface, since the system was made.
     pub fn born_inside(&self) -> u64 {
-        self.born_inside
+        self.all.born_inside
     }
 
     /// Particle steps taken since the system was made.
@@ -211,15 +236,23 @@ impl ParticleSystem {
         let oldest = self.oldest_step(target);
         // Particles that live at the target were born after `oldest`; going on pays only from a later state.
         let mut step = match self.step {
-            Some(step) if step <= target && step >= oldest => step,
+            Some(step) if step <= target && step >= oldest => {
+                // What was cancelled on its way goes on with it.
+                if self.is_there && step < target {
+                    self.before = self.all;
+                }
+                step
+            }
             _ => {
                 self.clouds.iter_mut().for_each(Cloud::clear);
+                self.before = self.all;
                 oldest
             }
         };
         progress.begin(Stage::Advect, self.expected_work(step, target));
         let carried = self.carry(&mut step, target, None, progress);
         self.step = Some(step);
+        self.is_there = carried.is_ok();
         progress.end(Stage::Advect);
         carried?;
         self.check_finite(frame)?;
@@ -249,6 +282,7 @@ impl ParticleSystem {
         let target = self.grid.step_of_frame(frame);
         let oldest = self.oldest_step(target);
         self.step = None;
+        self.before = self.all;
         progress.begin(Stage::Advect, self.expected_work(oldest, target));
         let visited = (0..self.emitters.len()).try_for_each(|emitter_idx| {
             let all = self.emitters[emitter_idx].candidates(self.grid.time(oldest), self.grid.time(target));
@@ -338,15 +372,15 @@ impl ParticleSystem {
                 newborn.push((index, birth, phase, position, moved));
             });
             for (index, birth, phase, position, moved) in newborn {
-                self.born += 1;
-                self.born_inside += u64::from(moved);
+                self.all.born += 1;
+                self.all.born_inside += u64::from(moved);
                 cloud.push(index, &birth, position, self.flow.iso_values(position.map(f64::from)));
                 self.phases.push(phase);
             }
             let (all, phases) = (cloud.index.len(), Some(self.phases.as_slice()));
             for (range, phases) in [(0..older, None), (older..all, phases)] {
                 let Cloud { position, iso_values, .. } = cloud;
-                self.penetrations += match span {
+                self.all.penetrations += match span {
                     FlowSpan::Curl(span) => advance(span, self.scheme, duration, position, range, phases),
                     FlowSpan::Tracks(tracks, walls) => {
                         let stride = Stride { tracks, walls, integrator: self.scheme.integrator, duration };

@@ -8,7 +8,7 @@ use crate::geometry::Geometry;
 use crate::geometry::embree::TraceScene;
 use crate::grid::means::MeanGrid;
 use crate::output::sidecar::{GridFigures, MassFigures, Sidecar};
-use crate::particles;
+use crate::particles::{self, system::Way};
 use crate::pipeline::assemble::{
     Exposure, build_geometry, build_medium, load_lights, load_textures, placed, smoke_heat, world_of,
 };
@@ -116,8 +116,21 @@ pub struct LiveStudio {
 #[derive(Clone, Copy, Default)]
 struct Figures {
     particles: u64,
+    way: Way,
     grid: GridFigures,
     mass: MassFigures,
+}
+
+impl Figures {
+    fn of(record: &Sidecar) -> Self {
+        let Sidecar { particles, penetrations, born, born_inside, grid, mass, .. } = *record;
+        Self { particles, way: Way { penetrations, born, born_inside }, grid, mass }
+    }
+
+    fn note_in(self, record: &mut Sidecar) {
+        let Self { particles, way: Way { penetrations, born, born_inside }, grid, mass } = self;
+        *record = Sidecar { particles, penetrations, born, born_inside, grid, mass, ..std::mem::take(record) };
+    }
 }
 
 impl LiveStudio {
@@ -183,10 +196,9 @@ impl LiveStudio {
         let is_new = self.density.renew(key, splat)?;
         note(Part::Density, is_new && has_smoke);
         if is_new {
-            self.density_figures = Figures { particles: record.particles, grid: record.grid, mass: record.mass };
+            self.density_figures = Figures::of(record);
         } else {
-            let kept = self.density_figures;
-            (record.particles, record.grid, record.mass) = (kept.particles, kept.grid, kept.mass);
+            self.density_figures.note_in(record);
         }
         let start = Instant::now();
         let key = (inputs(Part::Medium)?, self.density.generation);

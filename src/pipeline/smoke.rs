@@ -10,6 +10,7 @@ use crate::grid::soft::ObstacleDistance;
 use crate::grid::splat::{Splat, SplatInput, SplatSettings, SplatSum};
 use crate::grid::{DensityGrid, GridError, vdb};
 use crate::output::sidecar::{MassFigures, Sidecar};
+use crate::particles::system::Way;
 use crate::particles::{ParticleSystem, Particles, ParticlesError};
 use crate::pipeline::heat::{self, Heat};
 use crate::pipeline::{BORN_INSIDE_NOTED, build_flow, grid_memory_limit, in_scene, parse_pattern, time_of, timed};
@@ -212,14 +213,12 @@ impl SmokeSource {
         let smoke = match self {
             Self::None => return Ok(None),
             Self::Particles { system, splat: settings, is_told } => {
-                let before = [system.penetrations(), system.born(), system.born_inside()];
                 let (splat, glow) = splat_frame(system, settings, scene, frame, besides, progress, record)?;
                 let m = splat.mass;
                 record.mass = MassFigures { particles: m.particles, grid: m.grid, faded: m.faded, lost: m.lost };
-                record.penetrations = system.penetrations() - before[0];
-                record.born = system.born() - before[1];
-                record.born_inside = system.born_inside() - before[2];
-                let share = record.born_inside as f64 / record.born.max(1) as f64;
+                let Way { penetrations, born, born_inside } = system.way();
+                (record.penetrations, record.born, record.born_inside) = (penetrations, born, born_inside);
+                let share = born_inside as f64 / born.max(1) as f64;
                 if share > BORN_INSIDE_NOTED && !*is_told {
                     *is_told = true;
                     progress.note(&format!("frame {frame}: {}", born_inside_text(scene, "the particles were", share)));

@@ -61,7 +61,7 @@ impl Making<'_> {
         let aovs = serde_json::to_string(&aovs).map_err(|e| Error::Internal(e.to_string()))?;
         overrides.push(("output.aovs".into(), aovs));
         overrides.push(("render.seed".into(), seed.to_string()));
-        overrides.push(("film.spp".into(), spp.unwrap_or_else(|| default_spp(own.film.resolution)).to_string()));
+        overrides.push(("film.spp".into(), spp.unwrap_or_else(|| default_spp(own.film.size())).to_string()));
         let scene = Scene::load_with(&path, &overrides)?;
         let (first, last) = (scene.settings.frames.first, scene.settings.frames.last);
         let frame = self.case.frame.unwrap_or(first);
@@ -137,5 +137,30 @@ impl Drop for Leftover {
     fn drop(&mut self) {
         // What cannot be removed there is for the system to clean up.
         let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_beside_the_frame_take_their_share_of_all_paths() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = "version: 1\ncamera: {position: [0, 0, 4], look_at: [0, 0, 0]}\nfilm: {resolution: [200, 100], overscan: \
+                     100}\nlights: [{environment: {radiance: [1, 1, 1]}}]\n";
+        std::fs::write(folder.path().join("a.yaml"), scene).unwrap();
+        let text = "version: 1\ncases:\n  even: {scene: a.yaml, set: [film.overscan=0]}\n  wide: {scene: a.yaml}\n";
+        let suite = Suite::from_text(text, &folder.path().join("s.yaml")).unwrap();
+        let job = RegressJob { only: Vec::new(), run_commands: false, memory_limit: 1 << 20 };
+        let spp: Vec<(String, u32)> = suite
+            .cases()
+            .map(|(name, case)| {
+                let making = Making { suite: &suite, name, case: &case, job: &job };
+                (name.into(), making.scene(None, 1).unwrap().0.settings.film.spp)
+            })
+            .collect();
+        let paths = PATHS_DEFAULT;
+        assert_eq!(spp, [("even".into(), paths / (200 * 100)), ("wide".into(), paths.div_ceil(400 * 300))]);
     }
 }

@@ -213,12 +213,17 @@ fn vertical_fov() -> Keyed<f64> {
     35.0.into()
 }
 
+/// Most pixels of a frame across, and down.
+pub const RESOLUTION_MAX: u32 = 32768;
+/// Most pixels beside a frame, on each side.
+pub const OVERSCAN_MAX: u32 = 16384;
+
 /// Size and sampling of the picture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Film {
     /// Width and height in pixels. Default [640, 360].
-    #[schemars(inner(range(min = 1, max = 32768)))]
+    #[schemars(inner(range(min = 1, max = RESOLUTION_MAX)))]
     pub resolution: [u32; 2],
     /// Pixels beside the frame that are rendered too, for blurs, lens distortion and shakes in compositing: as many on every side, or
     /// as many at the left, right, top and bottom. The same projection goes on there, the frame keeps its every bit, and a `lat_long` camera goes
@@ -268,9 +273,9 @@ impl Default for Film {
 #[serde(untagged)]
 pub enum Overscan {
     /// As many on every side.
-    Even(#[schemars(range(min = 0, max = 16384))] u32),
+    Even(#[schemars(range(min = 0, max = OVERSCAN_MAX))] u32),
     /// At the left, right, top and bottom.
-    Sides(#[schemars(inner(range(min = 0, max = 16384)))] [u32; 4]),
+    Sides(#[schemars(inner(range(min = 0, max = OVERSCAN_MAX)))] [u32; 4]),
 }
 
 impl Default for Overscan {
