@@ -27,7 +27,7 @@ use crate::output::sidecar::Sidecar;
 use crate::output::{self, OutputError};
 use crate::particles::{self, ParticleSystem};
 use crate::pipeline::assemble::{in_render, load_lights, load_textures, smoke_heat};
-use crate::pipeline::fingerprint::InputHash;
+use crate::pipeline::fingerprint::{FileHashes, InputHash};
 use crate::pipeline::frame_files::{OutputFiles, check_writable, finish_of, write_part, write_picture};
 use crate::pipeline::keeper::Keeper;
 use crate::pipeline::mask_files::SceneFiles;
@@ -95,11 +95,12 @@ pub fn render(
     check_camera(scene, &job.frames)?;
     check_lights(scene, &job.frames)?;
     check_sums(scene, job, &files)?;
-    let inputs = InputHash::new(scene, job.crop)?;
+    let mut hashes = FileHashes::default();
+    let inputs = InputHash::new(scene, job.crop, &mut hashes)?;
     let mut studio: Option<Studio> = None;
     for (index, &frame) in job.frames.iter().enumerate() {
         progress.frame(frame, index, job.frames.len());
-        let fingerprint = inputs.fingerprint(scene, frame)?;
+        let fingerprint = inputs.fingerprint(scene, frame, &mut hashes)?;
         if job.resume && files.is_complete(frame, &fingerprint) {
             on_frame(&FrameOutcome::Kept { frame });
             continue;
@@ -202,10 +203,11 @@ fn make(
 pub fn missing(scene: &Scene, job: &RenderJob) -> Result<Vec<i32>, Error> {
     let files = OutputFiles::new(scene, job.samples)?;
     check_distinct(&job.frames, |frame| files.image(frame))?;
-    let inputs = InputHash::new(scene, job.crop)?;
+    let mut hashes = FileHashes::default();
+    let inputs = InputHash::new(scene, job.crop, &mut hashes)?;
     let mut missing = Vec::new();
     for &frame in &job.frames {
-        if !files.is_complete(frame, &inputs.fingerprint(scene, frame)?) {
+        if !files.is_complete(frame, &inputs.fingerprint(scene, frame, &mut hashes)?) {
             missing.push(frame);
         }
     }

@@ -72,6 +72,12 @@ fn the_frame_is_the_display_window_and_keeps_its_bits() {
     let twice = read(&more, "twice.0002.exr");
     assert_eq!((twice.size, twice.data_origin, twice.data_size), ([40, 32], [-10, -4], [56, 116]));
 
+    // Also of sizes that the command line sets; a size in pixels is what it says.
+    let set = ["--set", "film.overscan=[4, 2, 0, 0]", "--set", "film.resolution=[40, 16]", "--resolution", "50%"];
+    plain.expect(0, &[&["render", "s.yaml", "--frames", "2", "--spp", "1", "-o", "half.####.exr"], &set[..]].concat());
+    let half = read(&plain, "half.0002.exr");
+    assert_eq!((half.size, half.data_origin, half.data_size), ([20, 8], [-2, 0], [23, 8]));
+
     let [out, _] = more.expect(0, &["inspect", "out/0002.exr", "--pixel=-5,55"]);
     contains(&out, &["Z "]);
     let [out, _] = more.expect(0, &["inspect", "out/0002.exr", "--layers"]);

@@ -48,6 +48,11 @@ fn what_cannot_be_laid_out_is_said() {
     contains(&err, &["no.exr: no such file"]);
     let [_, err] = folder.expect(2, &["sheet", "a.exr", "-o", "a.png", "--columns", "0"]);
     contains(&err, &["--columns"]);
+    // Each picture is small; their sheet is not.
+    let many = ["a.exr"; 200].join(" ");
+    let many = format!("sheet {many} -o a.png --columns 1 --memory-limit 0.2M");
+    let [_, err] = folder.expect(6, &many.split(' ').collect::<Vec<_>>());
+    contains(&err, &["a.png: needs ", "--memory-limit"]);
     folder.write("odd.png", "no picture");
     folder.expect(3, &["sheet", "odd.png", "-o", "a.png"]);
     assert!(!folder.path("a.png").exists());

@@ -167,12 +167,21 @@ fn bad_values_are_all_told_with_their_key_before_anything_is_made() {
         let flags = values.iter().flat_map(|value| ["--vary".to_string(), value.to_string()]);
         ["wedge", "ball.yaml", "-o", "out/w.png"].map(String::from).into_iter().chain(flags).collect()
     };
-    let cases: [(i32, &[&str], &[&str]); 9] = [
+    let cases: [(i32, &[&str], &[&str]); 13] = [
         (
             3,
             &["film.spp=4,-1,many", "render.seed=1..3"],
-            &["film.spp=-1", "film.spp=many", "--set film.spp", "-1", "many"],
+            &[
+                "in 3 pictures of film.spp=-1, render.seed=1; film.spp=-1, render.seed=2; film.spp=-1, render.seed=3:\n",
+                "in 3 pictures of film.spp=many, render.seed=1;",
+                "--vary film.spp: error: ",
+            ],
         ),
+        (3, &["film.spp=-1", "render.seed=1..20"], &["in 20 pictures of ", "render.seed=8; and 12 more:\n"]),
+        // The frame is that of the first picture, and the second's scene does not have it.
+        (2, &["frames.first=1,2"], &["in the picture of frames.first=2:\n", "frame 1 is not one"]),
+        (2, &["output.image=a.exr,b.exr"], &["--vary output.image", "-o"]),
+        (2, &["output.preview=a.png,b.png"], &["--vary output.preview", "-o"]),
         (3, &["film.sp=4"], &["film.sp", "did you mean"]),
         (2, &["film.spp"], &["film.spp", "varies nothing"]),
         (2, &["film.spp=1,1"], &["film.spp", "twice"]),
@@ -187,8 +196,8 @@ fn bad_values_are_all_told_with_their_key_before_anything_is_made() {
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let [out, err] = folder.expect(code, &arguments);
         contains(&err, parts);
-        // Each problem once, however many pictures have it.
-        assert!(err.matches("film.spp=many").count() <= 1, "{err}");
+        // Each problem once, however many pictures have it, and by the flag that was there.
+        assert!(err.matches("error: ").count() <= 2 && !err.contains("--set film"), "{err}");
         assert!(out.is_empty() && folder.files("out").is_empty(), "{values:?}");
     }
     let seed = ["--vary", "render.seed=1,2"];
@@ -198,9 +207,61 @@ fn bad_values_are_all_told_with_their_key_before_anything_is_made() {
         (3, ["-o", "{no}.png"], "{no}"),
         (5, ["-o", "ball.yaml/w.png"], "ball.yaml"),
         (2, ["--crop", "0,0,99,99"], "99"),
+        (2, ["--crop", "-4,0,8,8"], "-4,0,8,8"),
     ] {
         let [_, err] = folder.expect(code, &[&["wedge", "ball.yaml"], &seed[..], &more].concat());
         contains(&err, &[part]);
+    }
+}
+
+#[test]
+fn a_sheet_that_cannot_be_is_refused_before_anything_is_made() {
+    let folder = Folder::new();
+    // Small pictures on a large sheet: each has the room of the widest and the highest.
+    let wedge = ["wedge", "ball.yaml", "--vary", "film.resolution=[16,16],[32768,8],[8,32768]", "--columns", "1"];
+    for dry in [&[][..], &["--dry-run"]] {
+        let [out, err] = folder.expect(2, &[&wedge[..], dry].concat());
+        contains(&err, &["the sheet would have 36", "--width"]);
+        assert!(out.is_empty() && folder.files("out").is_empty(), "{out}");
+    }
+    folder.expect(0, &[&wedge[..], &["--width", "4", "--dry-run"]].concat());
+    // Pictures of some kilobytes, and a sheet of megabytes.
+    let wedge =
+        ["wedge", "ball.yaml", "--vary", "film.resolution=[4,4],[4000,1],[1,400]", "--columns", "1", "--dry-run"];
+    let [_, err] = folder.expect(6, &[&wedge[..], &["--memory-limit", "100M"]].concat());
+    contains(&err, &["out/ball.wedge.png: needs ", "--memory-limit"]);
+    folder.expect(0, &[&wedge[..], &["--memory-limit", "1G"]].concat());
+}
+
+#[test]
+fn shares_of_a_size_are_of_what_is_varied_and_names_that_do_not_count_are_told() {
+    let folder = Folder::new();
+    let set = ["--set", "output.image=mine.exr", "--set", "film.resolution=[40, 20]"];
+    let wedge = ["wedge", "ball.yaml", "--vary", "film.overscan=0,8", "--resolution", "50%", "--crop", "0,0,20,10"];
+    let [_, err] = folder.expect(0, &[&wedge[..], &set[..], &["--spp", "1", "-o", "w.png"]].concat());
+    contains(&err, &["note: --set output.image gives", "-o names the sheet"]);
+    assert!(!folder.path("mine.exr").exists());
+    let reach = |overscan: u32, crop: &str| {
+        let vary = format!("film.overscan={overscan}");
+        let wedge = ["wedge", "ball.yaml", "--vary", &vary, "--resolution", "50%", "--crop", crop, "--dry-run"];
+        folder.command(&[&wedge[..], &set[..]].concat()).output().unwrap().status.code()
+    };
+    assert_eq!((reach(0, "0,0,21,10"), reach(8, "-4,-4,24,14"), reach(8, "-5,0,20,10")), (Some(2), Some(0), Some(2)));
+}
+
+#[test]
+fn pictures_with_overscan_are_laid_out_by_their_frames() {
+    let folder = Folder::new();
+    // A crop beside the frame is shown itself.
+    for (vary, crop, [width, height]) in [
+        ("film.overscan=0,3", "0%,0%,100%,100%", [160, 60]),
+        ("film.overscan=3,4", "-2,-3,160,63", [160, 60]),
+        ("film.overscan=20,22", "0,60,160,80", [160, 20]),
+    ] {
+        let wedge = ["wedge", "ball.yaml", "--vary", vary, "--spp", "1", "-o", "w.png", "--resolution", "160x60"];
+        folder.expect(0, &[&wedge[..], &["--crop", crop]].concat());
+        let size = png::read(&folder.path("w.png"), LIMIT).unwrap().size;
+        assert_eq!(size, [2 * (width + 8) + 8, 8 + 2 * 11 + 8 + height + 8 + 15], "{crop}");
     }
 }
 

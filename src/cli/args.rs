@@ -15,12 +15,13 @@ use crate::cli::render::RenderArguments;
 use crate::cli::sheet::SheetArguments;
 use crate::cli::streamlines::StreamlinesArguments;
 use crate::cli::turntable::TurntableArguments;
-use crate::cli::values::{Memory, Override};
+use crate::cli::values::{self, Crop, Memory, Override, Resolution};
 use crate::cli::warp::WarpArguments;
 use crate::cli::watch::WatchArguments;
 use crate::cli::wedge::WedgeArguments;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
+use std::time::Duration;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done, 1 render failure, 2 usage, 3 invalid scene or input, 4 missing
@@ -154,6 +155,54 @@ pub struct InspectArguments {
     pub memory_limit: Option<Memory>,
 }
 
+/// Flags of everything that makes pictures of smoke and light.
+#[derive(Debug, Args)]
+pub struct PictureArguments {
+    /// Paths traced through each pixel, instead of film.spp
+    #[arg(long, value_name = "COUNT")]
+    pub spp: Option<u32>,
+    /// Trace through each pixel only until its noise is below this, instead of film.noise_target: 0.02 is clean, 0.1 grainy
+    #[arg(long, value_name = "SHARE")]
+    pub noise_target: Option<f64>,
+    /// Width and height in pixels, instead of film.resolution, or a share of what they would be,
+    /// and of the overscan: 640x360, 50%
+    #[arg(long, visible_alias = "res", value_name = "SIZE", verbatim_doc_comment)]
+    pub resolution: Option<Resolution>,
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left of the frame, negative in
+    /// overscan, or in percent of the frame
+    #[arg(long, value_name = "EDGES", allow_hyphen_values = true, verbatim_doc_comment)]
+    pub crop: Option<Crop>,
+    /// Leave pictures alone that are finished and made from these very settings, and go on
+    /// from checkpoints
+    #[arg(long, verbatim_doc_comment)]
+    pub resume: bool,
+    /// How often to write a checkpoint of an unfinished picture beside it [s], for --resume
+    /// to go on from; a signal that ends the run writes one too. 0: never
+    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = values::seconds_or_none, verbatim_doc_comment)]
+    pub checkpoint_every: f64,
+}
+
+impl PictureArguments {
+    /// What they set, but for a share of the size.
+    pub fn settings(&self) -> Vec<(String, String)> {
+        let pixels = match self.resolution {
+            Some(Resolution::Pixels(size)) => Some(format!("{size:?}")),
+            _ => None,
+        };
+        let settings = [
+            ("film.noise_target", self.noise_target.map(|noise| noise.to_string())),
+            ("film.spp", self.spp.map(|spp| spp.to_string())),
+            ("film.resolution", pixels),
+        ];
+        settings.into_iter().filter_map(|(key, value)| Some((key.to_string(), value?))).collect()
+    }
+
+    /// How often to write a checkpoint, if ever.
+    pub fn checkpoint(&self) -> Option<Duration> {
+        Some(self.checkpoint_every).filter(|&seconds| seconds > 0.0).map(Duration::from_secs_f64)
+    }
+}
+
 impl InspectArguments {
     /// The same for verbs that make frames: a list of one.
     pub fn to_frame_arguments(&self) -> FrameArguments {
@@ -177,6 +226,14 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn crops_may_begin_with_a_minus() {
+        for verb in [&["render", "a.yaml"][..], &["wedge", "a.yaml", "--vary", "a=1"], &["watch", "a.yaml"]] {
+            let arguments = [&["curlsmoke"], verb, &["--crop", "-4,0,8,8"]].concat();
+            Arguments::try_parse_from(&arguments).unwrap_or_else(|e| panic!("{e}"));
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `curlsmoke bake`.
 
 use crate::cli::args::FrameArguments;
-use crate::cli::frames::{frames, listed, load_scene, start_threads};
+use crate::cli::frames::{frames, listed, load_scene, overrides, start_threads};
 use crate::cli::print_result;
 use crate::cli::progress::{Reporter, count};
 use crate::cli::render::conclude;
@@ -76,8 +76,9 @@ impl From<UnitName> for VelocityUnits {
 
 /// Writes densities; the exit code.
 pub(super) fn run(arguments: &BakeArguments) -> Result<u8, Error> {
-    let scene = load_scene(&arguments.common, Vec::new(), listed(arguments.common.frames.as_deref())?.as_deref())?;
-    let frames = frames(&arguments.common, &scene)?;
+    let common = &arguments.common;
+    let scene = load_scene(&common.scene, &overrides(common), listed(common.frames.as_deref())?.as_deref())?;
+    let frames = frames(common, &scene)?;
     start_threads(arguments.common.threads)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.common.progress, signals.clone());

@@ -1,7 +1,7 @@
 //! `curlsmoke flow slice`.
 
 use crate::cli::args::InspectArguments;
-use crate::cli::frames::{frames, listed, load_scene, start_threads};
+use crate::cli::frames::{frames, listed, load_scene, overrides, start_threads};
 use crate::cli::places::{Extent, Plane};
 use crate::cli::values::Resolution;
 use crate::cli::{log, print_result};
@@ -142,7 +142,7 @@ fn slice(arguments: &SliceArguments) -> Result<u8, Error> {
 /// The scene of a command, the frame it looks at, and what there is to see.
 pub(super) fn open(arguments: &InspectArguments) -> Result<(Scene, i32, Inspection), Error> {
     let common = arguments.to_frame_arguments();
-    let scene = load_scene(&common, Vec::new(), listed(common.frames.as_deref())?.as_deref())?;
+    let scene = load_scene(&common.scene, &overrides(&common), listed(common.frames.as_deref())?.as_deref())?;
     let frame = frames(&common, &scene)?.first().copied().unwrap_or(scene.settings.frames.first);
     start_threads(common.threads)?;
     let inspection = pipeline::inspection(&scene, frame)?;

@@ -6,24 +6,22 @@ use crate::error::Error;
 use crate::output::frames;
 use crate::scene::Scene;
 use crate::scene::pattern::spell;
+use std::path::Path;
 
-/// The scene with all flags applied that change it, `more` in front so that `--set` has the last word; to make its frames, or all where
-/// `None`.
-pub fn load_scene(
-    arguments: &FrameArguments,
-    more: Vec<(String, String)>,
-    frames: Option<&[i32]>,
-) -> Result<Scene, Error> {
-    let mut overrides = more;
-    overrides.extend(flags(arguments));
-    overrides.extend(set_by_hand(arguments));
-    warn_about(Scene::load_for(&arguments.scene, &overrides, frames), |scene| {
+/// The scene with `overrides`, to make its frames, or all where `None`; tells its warnings.
+pub fn load_scene(path: &Path, overrides: &[(String, String)], frames: Option<&[i32]>) -> Result<Scene, Error> {
+    warn_about(Scene::load_for(path, overrides, frames), |scene| {
         scene.warnings.iter().map(ToString::to_string).collect()
     })
 }
 
+/// What the flags of all verbs that make frames set: `--set` after the others, so that it has the last word.
+pub fn overrides(arguments: &FrameArguments) -> Vec<(String, String)> {
+    [flags(arguments), set_by_hand(arguments)].concat()
+}
+
 /// What flags of their own say.
-pub fn flags(arguments: &FrameArguments) -> Vec<(String, String)> {
+fn flags(arguments: &FrameArguments) -> Vec<(String, String)> {
     let seed = arguments.seed.map(|seed| ("render.seed".into(), seed.to_string()));
     let memory = arguments.memory_limit.map(|memory| ("render.memory_limit_gib".into(), memory.0.to_string()));
     seed.into_iter().chain(memory).collect()

@@ -1,10 +1,10 @@
 //! `curlsmoke render`.
 
-use crate::cli::args::FrameArguments;
-use crate::cli::frames::{flags, frames, listed, load_scene, set_by_hand, start_threads};
+use crate::cli::args::{FrameArguments, PictureArguments};
+use crate::cli::frames::{frames, listed, load_scene, overrides, set_by_hand, start_threads};
 use crate::cli::progress::{Reporter, count, duration};
 use crate::cli::signals::Signals;
-use crate::cli::values::{self, Crop, PixelPlace, Resolution, Samples};
+use crate::cli::values::{Crop, PixelPlace, Resolution, Samples};
 use crate::cli::watch::WatchArguments;
 use crate::cli::{STOPPED, command_line, log, pixel, print_result, report};
 use crate::error::Error;
@@ -20,7 +20,6 @@ use crate::scene::pattern::{Pattern, spell};
 use crate::scene::settings::Film;
 use clap::Args;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// Flags of `render`.
 #[derive(Debug, Args)]
@@ -28,28 +27,16 @@ pub struct RenderArguments {
     /// Flags shared with `bake`.
     #[command(flatten)]
     pub common: FrameArguments,
-    /// Paths traced through each pixel, instead of film.spp
-    #[arg(long, value_name = "COUNT")]
-    pub spp: Option<u32>,
-
-    /// Trace through each pixel only until its noise is below this, instead of film.noise_target: 0.02 is clean, 0.1 grainy
-    #[arg(long, value_name = "SHARE")]
-    pub noise_target: Option<f64>,
-
+    /// Flags shared by verbs that make pictures.
+    #[command(flatten)]
+    pub picture: PictureArguments,
     /// Trace light no longer than this many seconds a frame, instead of film.time_limit
     #[arg(long, value_name = "SECONDS", conflicts_with = "noise_target")]
     pub time_limit: Option<f64>,
-    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
-    #[arg(long, visible_alias = "res", value_name = "SIZE")]
-    pub resolution: Option<Resolution>,
     /// File names of the pictures (.exr), with #### for the frame, instead of
     /// output.image; previews go beside them
     #[arg(short, long, value_name = "PATTERN", verbatim_doc_comment)]
     pub output: Option<String>,
-    /// Render a part only: x0,y0,x1,y1 in pixels from the top left of the frame, negative in
-    /// overscan, or in percent of the frame
-    #[arg(long, value_name = "EDGES", allow_hyphen_values = true, verbatim_doc_comment)]
-    pub crop: Option<Crop>,
     /// Render this pixel alone and print all its layers, the ways of its light among them; write nothing
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, conflicts_with_all = ["crop", "resume", "dry_run", "output", "samples", "missing", "movie"])]
     pub pixel: Option<PixelPlace>,
@@ -57,14 +44,6 @@ pub struct RenderArguments {
     /// beside the picture; `curlsmoke merge` joins such parts
     #[arg(long, value_name = "FIRST-LAST", conflicts_with_all = ["noise_target", "time_limit", "movie"], verbatim_doc_comment)]
     pub samples: Option<Samples>,
-    /// Leave frames alone that are finished and made from this very scene, and go on
-    /// from checkpoints
-    #[arg(long, verbatim_doc_comment)]
-    pub resume: bool,
-    /// How often to write a checkpoint of an unfinished frame beside the picture [s], for
-    /// --resume to go on from; a signal that ends the run writes one too. 0: never
-    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = values::seconds_or_none, verbatim_doc_comment)]
-    pub checkpoint_every: f64,
     /// Print the frames that are not finished, or were made from another scene, as a list
     /// for --frames, and make nothing
     #[arg(long, conflicts_with_all = ["dry_run", "resume"], verbatim_doc_comment)]
@@ -81,12 +60,11 @@ pub struct RenderArguments {
 pub(super) fn run(arguments: &RenderArguments) -> Result<u8, Error> {
     let scene = scene_of(arguments, listed(arguments.common.frames.as_deref())?.as_deref())?;
     let frames = frames(&arguments.common, &scene)?;
-    let crop = arguments.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
+    let crop = arguments.picture.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
     let names = Names::of(&scene)?;
     let samples = arguments.samples.map(|samples| samples_of(samples, &scene)).transpose()?;
     let movie = arguments.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &frames)).transpose()?;
-    let checkpoint = checkpoint_of(arguments);
-    let resume = arguments.resume;
+    let (resume, checkpoint) = (arguments.picture.resume, arguments.picture.checkpoint());
     let job = RenderJob { frames, crop, resume, samples, checkpoint, arguments: command_line() };
     if arguments.missing {
         let missing = pipeline::missing(&scene, &job)?;
@@ -174,11 +152,6 @@ pub(super) fn conclude(result: Result<(), Error>, reporter: &Reporter, signals: 
     Ok(code)
 }
 
-/// How often to write a checkpoint, if ever.
-pub(super) fn checkpoint_of(arguments: &RenderArguments) -> Option<Duration> {
-    Some(arguments.checkpoint_every).filter(|&seconds| seconds > 0.0).map(Duration::from_secs_f64)
-}
-
 /// The paths to trace, which must be among those of the scene and known beforehand.
 pub(super) fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Error> {
     let ([first, last], film) = (samples.0, &scene.settings.film);
@@ -198,68 +171,61 @@ pub(super) fn samples_of(samples: Samples, scene: &Scene) -> Result<[u32; 2], Er
 
 /// The scene with the flags of `render` applied, to make some of its frames, or all where `None`.
 pub(super) fn scene_of(arguments: &RenderArguments, frames: Option<&[i32]>) -> Result<Scene, Error> {
-    load_scene(&arguments.common, overrides_of(arguments, frames)?, frames)
-}
-
-/// What the flags of `render` alone set.
-pub(super) fn overrides_of(
-    arguments: &RenderArguments,
-    frames: Option<&[i32]>,
-) -> Result<Vec<(String, String)>, Error> {
-    let mut overrides = Vec::new();
-    if let Some(noise) = arguments.noise_target {
-        overrides.push(("film.noise_target".to_string(), noise.to_string()));
-    }
+    let path = &arguments.common.scene;
+    let mut settings = arguments.picture.settings();
     if let Some(seconds) = arguments.time_limit {
-        overrides.push(("film.time_limit".to_string(), seconds.to_string()));
-    }
-    if let Some(spp) = arguments.spp {
-        overrides.push(("film.spp".to_string(), spp.to_string()));
-    }
-    if let Some(resolution) = arguments.resolution {
-        // A share needs to know of what. Errors of the scene come out here as well as below.
-        overrides.extend(resized(&Scene::load_for(&arguments.common.scene, &[], frames)?, resolution));
+        settings.push(("film.time_limit".to_string(), seconds.to_string()));
     }
     if arguments.pixel.is_some() {
-        overrides.push(("output.aovs".to_string(), pixel::LAYERS.into()));
+        settings.push(("output.aovs".to_string(), pixel::LAYERS.into()));
     }
     if let Some(image) = &arguments.output {
         // Text in JSON is text in YAML too, whatever it holds.
         let quoted = |text: &str| serde_json::Value::from(text).to_string();
-        overrides.push(("output.image".to_string(), quoted(image)));
-        let scene = Scene::load_for(&arguments.common.scene, &set_by_hand(&arguments.common), frames)?;
+        settings.push(("output.image".to_string(), quoted(image)));
+        let scene = Scene::load_for(path, &set_by_hand(&arguments.common), frames)?;
         let has_own_name = arguments.common.overrides.iter().any(|set| set.0 == "output.preview");
         if scene.settings.output.preview.is_some() && !has_own_name {
             let preview = image.strip_suffix(".exr").unwrap_or(image);
-            overrides.push(("output.preview".to_string(), quoted(&format!("{preview}.png"))));
+            settings.push(("output.preview".to_string(), quoted(&format!("{preview}.png"))));
         }
     }
-    Ok(overrides)
+    settings.extend(overrides(&arguments.common));
+    let settings = resized(path, settings, arguments.picture.resolution, frames)?;
+    load_scene(path, &settings, frames)
 }
 
 /// The scene with the flags of `watch` applied. Its warnings are for the caller to tell, who reads it many times.
 pub(super) fn scene_of_watch(arguments: &WatchArguments) -> Result<Scene, Error> {
     let common = arguments.common.to_frame_arguments();
-    let mut overrides = flags(&common);
+    let mut settings = Vec::new();
     if let Some(spp) = arguments.spp {
-        overrides.push(("film.spp".to_string(), spp.to_string()));
+        settings.push(("film.spp".to_string(), spp.to_string()));
     }
-    if let Some(resolution) = arguments.resolution {
-        overrides.extend(resized(&Scene::load(&common.scene)?, resolution));
+    if let Some(Resolution::Pixels(size)) = arguments.resolution {
+        settings.push(("film.resolution".to_string(), format!("{size:?}")));
     }
-    overrides.extend(set_by_hand(&common));
-    Ok(Scene::load_with(&common.scene, &overrides)?)
+    settings.extend(overrides(&common));
+    let settings = resized(&common.scene, settings, arguments.resolution, None)?;
+    Ok(Scene::load_with(&common.scene, &settings)?)
 }
 
-/// What to set for pictures of another size. A share is one of the overscan too: the picture shows the same.
-fn resized(scene: &Scene, resolution: Resolution) -> Vec<(String, String)> {
-    let film = &scene.settings.film;
-    let mut settings = vec![("film.resolution".to_string(), format!("{:?}", resolution.pixels(film.resolution)))];
-    if let (Resolution::Share(share), false) = (resolution, film.overscan.is_none()) {
+/// Settings of a scene, and after them what makes its pictures a share of the size that they have with these, if that is asked for.
+/// A share is one of the overscan too: the picture shows the same.
+pub(super) fn resized(
+    path: &Path,
+    mut settings: Vec<(String, String)>,
+    resolution: Option<Resolution>,
+    frames: Option<&[i32]>,
+) -> Result<Vec<(String, String)>, Error> {
+    let Some(resolution @ Resolution::Share(share)) = resolution else { return Ok(settings) };
+    let film = Scene::load_for(path, &settings, frames)?.settings.film;
+    settings.push(("film.resolution".to_string(), format!("{:?}", resolution.pixels(film.resolution))));
+    if !film.overscan.is_none() {
         let sides = film.overscan.sides().map(|pixels| (f64::from(pixels) * share).round() as u32);
         settings.push(("film.overscan".to_string(), format!("{sides:?}")));
     }
-    settings
+    Ok(settings)
 }
 
 /// The pixels of a crop in the pictures of a scene.

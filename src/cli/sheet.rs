@@ -3,10 +3,10 @@
 use crate::cli::print_result;
 use crate::cli::values::Memory;
 use crate::error::Error;
-use crate::inspect::sheet::{Cell, SheetSettings, sheet};
+use crate::inspect::sheet::{Cell, Layout, Picture, SheetError, SheetSettings};
 use crate::output::View;
 use crate::output::file::{check_writable, write_atomic};
-use crate::output::read_image;
+use crate::output::{check_memory, read_image};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::path::PathBuf;
@@ -54,22 +54,32 @@ pub(super) fn run(arguments: &SheetArguments) -> Result<u8, Error> {
         return Err(Error::Usage(format!("--output {}: the name must end in .png", output.display())));
     }
     check_writable(output)?;
-    let mut cells = Vec::with_capacity(arguments.images.len());
+    let limit = arguments.memory_limit.bytes();
+    let (mut cells, mut pictures, mut held) = (Vec::new(), Vec::new(), 0);
     for path in &arguments.images {
-        let image = read_image(path, arguments.memory_limit.bytes())?;
+        let image = read_image(path, limit.saturating_sub(held))?;
         let label = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         // What is on the screen already stays as it is.
         let is_shown = crate::output::extension(path) == "png";
         let (view, exposure) = if is_shown { (View::Standard, 0.0) } else { (arguments.view, arguments.exposure) };
-        let usage = |error| Error::Usage(format!("{}: {error}", path.display()));
-        cells.push(Cell::new(label, &image, view, exposure).map_err(usage)?);
+        let picture = Picture::new(&image, view, exposure, arguments.width)
+            .map_err(|error| Error::Usage(format!("{}: {error}", path.display())))?;
+        held += picture.memory_bytes();
+        cells.push(Cell { label, size: picture.size() });
+        pictures.push(picture);
     }
     let settings = SheetSettings {
         columns: arguments.columns,
         width: arguments.width,
         is_labelled: arguments.images.len() > 1 && !arguments.no_labels,
     };
-    let canvas = sheet(cells, &[], settings).map_err(|error| Error::Usage(error.to_string()))?;
+    let usage = |error: SheetError| Error::Usage(error.to_string());
+    let layout = Layout::new(&cells, &[], settings).map_err(usage)?;
+    check_memory(output, held.saturating_add(layout.memory_bytes()), limit)?;
+    let mut canvas = layout.blank();
+    for (number, picture) in pictures.iter().enumerate() {
+        layout.put(&mut canvas, number, picture).map_err(usage)?;
+    }
     write_atomic(output, &canvas.to_png()?)?;
     let [width, height] = canvas.size;
     print_result(&format!("{}: {width} × {height} pixels", output.display())).map(|()| 0)

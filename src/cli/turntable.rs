@@ -2,9 +2,7 @@
 
 use crate::cli::frames::start_threads;
 use crate::cli::progress::Reporter;
-use crate::cli::render::{
-    Movie, Names, RenderArguments, checkpoint_of, conclude, crop_of, describe, samples_of, scene_of,
-};
+use crate::cli::render::{Movie, Names, RenderArguments, conclude, crop_of, describe, samples_of, scene_of};
 use crate::cli::signals::Signals;
 use crate::cli::{command_line, log, print_result};
 use crate::error::Error;
@@ -50,7 +48,7 @@ pub(super) fn run(mut arguments: TurntableArguments) -> Result<u8, Error> {
     if !(first..=last).contains(&frame) {
         return Err(Error::Usage(format!("--at {frame}: the scene has frames {first} to {last}")));
     }
-    let crop = render.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
+    let crop = render.picture.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
     let names = Names::of(&scene)?;
     let movie = render.movie.as_deref().map(|path| Movie::prepare(path, &scene, &names, &list.frames)).transpose()?;
     if render.dry_run {
@@ -63,9 +61,9 @@ pub(super) fn run(mut arguments: TurntableArguments) -> Result<u8, Error> {
     let job = RenderJob {
         frames: list.frames,
         crop,
-        resume: render.resume,
+        resume: render.picture.resume,
         samples,
-        checkpoint: checkpoint_of(render),
+        checkpoint: render.picture.checkpoint(),
         arguments: command_line(),
     };
     let mut printed = Ok(());

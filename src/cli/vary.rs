@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 /// Most values of a setting.
 const VALUES_MAX: usize = 1000;
-/// Steps of a range are numbers of so many digits; its ends are as they were typed.
-const DIGITS: usize = 6;
+/// Values between the ends of a range are rounded to so many digits of the step to the one before; its ends are as they were typed.
+const DIGITS: i32 = 6;
 
 /// A setting and its values as typed: `smoke.medium.extinction=5,20,80`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -89,27 +89,53 @@ fn expanded(item: &str) -> Result<Vec<String>, String> {
             }
         }
     };
-    let value = |i: usize| {
-        let share = i as f64 / (count - 1).max(1) as f64;
-        match i {
-            0 => ends[0].into(),
-            _ if i == count - 1 => ends[1].into(),
-            _ if is_log => rounded(a * (b / a).powf(share)),
-            _ if how.is_none() => (a + (b - a).signum() * i as f64).to_string(),
-            // Where a range passes through zero, rounding would leave crumbs.
-            _ => rounded(if (a + share * (b - a)).abs() < 1e-9 * (b - a).abs() { 0.0 } else { a + share * (b - a) }),
+    let parts = (count - 1).max(1) as f64;
+    let ratio = (b / a).powf(1.0 / parts);
+    let value = |i: usize| match i {
+        0 => ends[0].into(),
+        _ if i == count - 1 => ends[1].into(),
+        _ if is_log => {
+            let x = a * (b / a).powf(i as f64 / parts);
+            rounded(x, x * (1.0 - ratio.min(1.0 / ratio)))
         }
+        _ => match a + (b - a) * i as f64 / parts {
+            x if whole && x.fract() == 0.0 => x.to_string(),
+            x => rounded(x, (b - a) / parts),
+        },
     };
-    Ok((0..count).map(value).collect())
+    let values: Vec<String> = (0..count).map(value).collect();
+    // Numbers have so many digits and no more.
+    let is_step = |pair: &[String]| match (number(&pair[0]), number(&pair[1])) {
+        (Some(x), Some(y)) => {
+            if a < b {
+                x < y
+            } else {
+                y < x
+            }
+        }
+        _ => false,
+    };
+    if !values.windows(2).all(is_step) {
+        return Err("the steps are too fine: some of the values are the same; take fewer, or ends further apart".into());
+    }
+    Ok(values)
 }
 
 fn number(text: &str) -> Option<f64> {
     text.trim().parse::<f64>().ok().filter(|x| x.is_finite())
 }
 
-fn rounded(x: f64) -> String {
+/// A number to [`DIGITS`] digits of `step`; 0 where it has none of them.
+fn rounded(x: f64, step: f64) -> String {
+    /// Digits that tell all numbers apart.
+    const ALL: i32 = 17;
+    let order = |x: f64| x.abs().log10().floor() as i32;
+    let digits = DIGITS.saturating_add(order(x).saturating_sub(order(step))).min(ALL);
+    if digits < 1 {
+        return "0".into();
+    }
     // What was written as a number is one.
-    format!("{x:.*e}", DIGITS - 1).parse::<f64>().unwrap_or(x).to_string()
+    format!("{x:.*e}", digits as usize - 1).parse::<f64>().unwrap_or(x).to_string()
 }
 
 #[cfg(test)]
@@ -138,6 +164,29 @@ mod tests {
         assert_eq!(values("2..0"), ["2", "1", "0"]);
         assert_eq!(values("0,1..100:3:log"), ["0", "1", "10", "100"]);
         assert_eq!(values("0..1:4"), ["0", "0.333333", "0.666667", "1"]);
+        assert_eq!(values("7..7"), ["7"]);
+    }
+
+    #[test]
+    fn fine_steps_far_from_zero_stay_in_their_range() {
+        assert_eq!(values("1000001..1000003:3"), ["1000001", "1000002", "1000003"]);
+        assert_eq!(values("40..40.0001:5"), ["40", "40.000025", "40.00005", "40.000075", "40.0001"]);
+        assert_eq!(values("1000001..5000000001:3")[1], "2500500001");
+        assert_eq!(values("0..1000000000:4")[1], "333333000");
+        assert_eq!(values("1000000..1000002:3:log")[1], "1000001");
+        for text in ["-40.0001..-40:7", "40.0001..40:7", "1e-9..2e-9:9:log", "1000003..1000001:900:log", "1e9..1e9:2"] {
+            let parsed = format!("a.b={text}").parse::<Vary>();
+            let Ok(Vary { values, .. }) = parsed else {
+                assert!(text == "1e9..1e9:2" && parsed.unwrap_err().contains("too fine"), "{text}");
+                continue;
+            };
+            let numbers: Vec<f64> = values.iter().map(|value| value.parse().unwrap()).collect();
+            let is_rising = numbers[0] < numbers[1];
+            assert!(
+                numbers.windows(2).all(|pair| pair[0] != pair[1] && (pair[0] < pair[1]) == is_rising),
+                "{values:?}"
+            );
+        }
     }
 
     #[test]
@@ -150,6 +199,8 @@ mod tests {
             ("a.b=1,2,1", "1 is there twice"),
             ("a.b=0..0.5", "how many"),
             ("a.b=0..1000000", "1000"),
+            ("a.b=40..40.00000000000001:9", "too fine"),
+            ("a.b=9007199254740993..9007199254740999", "too fine"),
             ("a.b=0..1:1", "2 to 1000"),
             ("a.b=0..1:x", "2 to 1000"),
             ("a.b=0..1:4:log", "above 0"),

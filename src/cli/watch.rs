@@ -31,11 +31,12 @@ pub struct WatchArguments {
     /// Paths traced through each pixel at most, instead of film.spp
     #[arg(long, value_name = "COUNT")]
     pub spp: Option<u32>,
-    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
+    /// Width and height in pixels, instead of film.resolution, or a share of it: 640x360, 50%
     #[arg(long, visible_alias = "res", value_name = "SIZE")]
     pub resolution: Option<Resolution>,
-    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
-    #[arg(long, value_name = "EDGES")]
+    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent; overscan is
+    /// not shown
+    #[arg(long, value_name = "EDGES", allow_hyphen_values = true, verbatim_doc_comment)]
     pub crop: Option<Crop>,
 }
 

@@ -1,22 +1,26 @@
 //! `curlsmoke wedge`.
 
-use crate::cli::args::InspectArguments;
-use crate::cli::frames::{flags, list_of, set_by_hand, start_threads};
+use crate::cli::args::{InspectArguments, PictureArguments};
+use crate::cli::frames::{list_of, overrides, start_threads};
 use crate::cli::progress::{Reporter, Style};
-use crate::cli::render::{Names, RenderArguments, checkpoint_of, conclude, crop_of, overrides_of};
+use crate::cli::render::{Names, conclude, crop_of, resized};
 use crate::cli::signals::Signals;
-use crate::cli::values::{self, Crop, Resolution};
 use crate::cli::vary::Vary;
 use crate::cli::{command_line, log, print_result, report};
 use crate::error::Error;
-use crate::inspect::sheet::{self, SheetSettings};
+use crate::inspect::canvas::Canvas;
+use crate::inspect::sheet::{self, Layout, Picture, SheetSettings};
 use crate::output::file::{check_writable, write_atomic};
-use crate::output::read_image;
+use crate::output::image::Image;
+use crate::output::{check_memory, read_image};
 use crate::pipeline::wedge::{Cell, wedge};
 use crate::pipeline::{FrameOutcome, RenderJob};
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::render;
+use crate::scene::diagnostic::Diagnostic;
+use crate::scene::footprint::film_bytes;
 use crate::scene::pattern::Pattern;
+use crate::scene::{Scene, SceneError};
 use clap::Args;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -27,6 +31,10 @@ const CELLS_MAX: usize = 1000;
 const SLUG_MAX: usize = 60;
 /// Longest name of a picture before its frame [letters]; file systems end names at 255.
 const NAME_MAX: usize = 180;
+/// Most pictures that are named where several have the same fault.
+const NAMED_MAX: usize = 8;
+/// Names of files, which are made of what is varied.
+const NAMES: [&str; 2] = ["output.image", "output.preview"];
 const SHEET: &str = "out/{scene}.wedge.png";
 
 /// Flags of `wedge`.
@@ -50,25 +58,9 @@ pub struct WedgeArguments {
     /// Scale wider pictures down to this width in pixels on the sheet
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..))]
     pub width: Option<u32>,
-    /// Paths traced through each pixel, instead of film.spp
-    #[arg(long, value_name = "COUNT")]
-    pub spp: Option<u32>,
-    /// Trace through each pixel only until its noise is below this, instead of film.noise_target
-    #[arg(long, value_name = "SHARE")]
-    pub noise_target: Option<f64>,
-    /// Width and height in pixels, or a share of the scene's: 640x360, 50%
-    #[arg(long, visible_alias = "res", value_name = "SIZE")]
-    pub resolution: Option<Resolution>,
-    /// Render a part only: x0,y0,x1,y1 in pixels from the top left, or in percent
-    #[arg(long, value_name = "EDGES")]
-    pub crop: Option<Crop>,
-    /// Leave pictures alone that are finished and made from this very scene and these values,
-    /// and go on from checkpoints
-    #[arg(long, verbatim_doc_comment)]
-    pub resume: bool,
-    /// How often to write a checkpoint of an unfinished picture [s]; 0: never
-    #[arg(long, value_name = "SECONDS", default_value = "300", value_parser = values::seconds_or_none)]
-    pub checkpoint_every: f64,
+    /// Flags shared by verbs that make pictures.
+    #[command(flatten)]
+    pub picture: PictureArguments,
     /// Print what would be made, and make nothing
     #[arg(long)]
     pub dry_run: bool,
@@ -81,12 +73,18 @@ pub struct WedgeArguments {
 struct Plan {
     frame: i32,
     sheet: PathBuf,
+    layout: Layout,
     cells: Vec<Cell>,
     /// What each cell sets: keys and values.
-    choices: Vec<Vec<(String, String)>>,
+    choices: Vec<Choice>,
     /// A line for each setting that is varied.
     labels: Vec<String>,
+    /// Memory that a picture and the sheet may take together [bytes].
+    memory_limit: u64,
 }
+
+/// Keys and values of a cell.
+type Choice = Vec<(String, String)>;
 
 /// Renders a wedge and its sheet; the exit code.
 pub(super) fn run(arguments: &WedgeArguments) -> Result<u8, Error> {
@@ -100,8 +98,8 @@ pub(super) fn run(arguments: &WedgeArguments) -> Result<u8, Error> {
     start_threads(arguments.common.threads)?;
     let signals = Signals::listen().map_err(|e| Error::Internal(format!("signals cannot be caught: {e}")))?;
     let reporter = Reporter::new(arguments.progress, signals.clone());
-    let checkpoint = checkpoint_of(&render_arguments(arguments));
-    let job = RenderJob { resume: arguments.resume, checkpoint, arguments: command_line(), ..RenderJob::default() };
+    let (resume, checkpoint) = (arguments.picture.resume, arguments.picture.checkpoint());
+    let job = RenderJob { resume, checkpoint, arguments: command_line(), ..RenderJob::default() };
     let names = plan.cells.iter().map(|cell| Names::of(&cell.scene)).collect::<Result<Vec<_>, _>>()?;
     let mut printed = Ok(());
     let result = wedge(&plan.cells, plan.frame, &job, &reporter, &mut |number, outcome| {
@@ -115,7 +113,7 @@ pub(super) fn run(arguments: &WedgeArguments) -> Result<u8, Error> {
             Some(_) => {}
         }
     });
-    let result = result.and(printed).and_then(|()| plan.lay_out(arguments, &names));
+    let result = result.and(printed).and_then(|()| plan.lay_out(arguments.width, &names));
     conclude(result, &reporter, &signals)
 }
 
@@ -124,50 +122,51 @@ impl Plan {
     fn of(arguments: &WedgeArguments) -> Result<Result<Self, u8>, Error> {
         let common = arguments.common.to_frame_arguments();
         let choices = choices(&arguments.vary)?;
-        let render = render_arguments(arguments);
-        let listed = arguments.common.frame.map(|frame| [frame]);
-        let listed = listed.as_ref().map(<[i32; 1]>::as_slice);
-        let mut base = overrides_of(&render, listed)?;
-        base.extend(flags(&common));
-        base.extend(set_by_hand(&common));
-        let path = &common.scene;
-        let (patterns, sheet) = file_names(arguments.output.as_deref().unwrap_or(SHEET), &choices)?;
-
-        let mut told = HashSet::new();
-        let mut tell = |text: String, say: &dyn Fn(&str)| {
-            if !told.contains(&text) {
-                say(&text);
-                told.insert(text);
-            }
-        };
-        let mut code = None;
-        let mut cells = Vec::new();
-        for (choice, pattern) in choices.iter().zip(&patterns) {
-            let loaded = scene_of_cell(path, [base.as_slice(), choice].concat(), pattern, listed).and_then(|scene| {
-                let frames = list_of(common.frames.as_deref(), &scene)?;
-                check_writable(Path::new(&sheet.expand(frames[0], scene.name())))?;
-                let crop = arguments.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
-                Ok((frames[0], Cell { scene, crop }))
-            });
-            match loaded {
-                Ok((frame, cell)) => {
-                    cell.scene.warnings.iter().for_each(|warning| tell(warning.to_string(), &|text| log(text)));
-                    cells.push((frame, cell));
-                }
-                Err(error) => {
-                    tell(error.to_string(), &|_| {
-                        log(&format!("--vary, in the picture of {}:", spelled(choice)));
-                        report(&error);
-                    });
-                    code.get_or_insert(error.exit_code());
-                }
-            }
+        for key in NAMES.into_iter().filter(|&key| common.overrides.iter().any(|set| set.0 == key)) {
+            log(&format!(
+                "note: --set {key} gives pictures of a wedge no name: -o names the sheet, and they go beside it"
+            ));
         }
-        let (None, Some(&(frame, _))) = (code, cells.first()) else { return Ok(Err(code.unwrap_or(2))) };
-        let cells: Vec<Cell> = cells.into_iter().map(|(_, cell)| cell).collect();
-        let sheet = sheet.expand(frame, cells[0].scene.name()).into();
+        let mut base = [arguments.picture.settings(), overrides(&common)].concat();
+        // That of a preview says at least that there is one.
+        base.retain(|(key, _)| key != "output.image");
+        let (patterns, sheet) = file_names(arguments.output.as_deref().unwrap_or(SHEET), &choices)?;
+        let load = |(choice, pattern): (&Choice, &String), frames: Option<&[i32]>| {
+            let overrides = [base.as_slice(), choice].concat();
+            let overrides = resized(&common.scene, overrides, arguments.picture.resolution, frames)?;
+            scene_of_cell(&common.scene, overrides, pattern, frames)
+        };
+        let cells = || choices.iter().zip(&patterns);
+        // Without a frame the first scene has faults, which are told below.
+        let first = || Some(load(cells().next()?, Some(&[])).ok()?.settings.frames.first);
+        let frame = arguments.common.frame.or_else(first);
+        let listed = frame.as_ref().map(std::slice::from_ref);
+        let (made, faults) = gathered(cells().map(|cell| {
+            let load = || {
+                let scene = load(cell, listed)?;
+                list_of(frame.map(|frame| frame.to_string()).as_deref(), &scene)?;
+                let crop = arguments.picture.crop.map(|crop| crop_of(crop, &scene)).transpose()?;
+                Ok(Cell { scene, crop })
+            };
+            (cell.0, load())
+        }));
+        let code = faults.first().map(|fault| fault.error.exit_code());
+        faults.iter().for_each(Fault::tell);
+        let (None, Some(frame), [first, ..]) = (code, frame, made.as_slice()) else {
+            return Ok(Err(code.unwrap_or(2)));
+        };
+        let sheet: PathBuf = sheet.expand(frame, first.scene.name()).into();
+        check_writable(&sheet)?;
+
         let labels = labels(&choices);
-        Ok(Ok(Self { frame, sheet, cells, choices, labels }))
+        let layout = layout(arguments, &made, &labels, frame)?;
+        let settings = || made.iter().map(|cell| &cell.scene.settings);
+        let memory_limit = settings().map(|settings| settings.render.memory_limit_gib).fold(f64::INFINITY, f64::min);
+        let memory_limit = (memory_limit * f64::from(1 << 30)) as u64;
+        // The largest picture is read again while the sheet is there.
+        let picture = settings().map(film_bytes).fold(0.0, f64::max) as u64;
+        check_memory(&sheet, layout.memory_bytes().saturating_add(picture), memory_limit)?;
+        Ok(Ok(Self { frame, sheet, layout, cells: made, choices, labels, memory_limit }))
     }
 
     /// Prints what would be made.
@@ -180,55 +179,108 @@ impl Plan {
     }
 
     /// Writes the sheet of pictures that are there.
-    fn lay_out(&self, arguments: &WedgeArguments, names: &[Names]) -> Result<(), Error> {
-        let mut pictures = Vec::with_capacity(self.cells.len());
-        for ((cell, names), label) in self.cells.iter().zip(names).zip(&self.labels) {
-            let settings = &cell.scene.settings;
+    fn lay_out(&self, width: Option<u32>, names: &[Names]) -> Result<(), Error> {
+        let mut canvas = self.layout.blank();
+        let memory_limit = self.memory_limit.saturating_sub(self.layout.memory_bytes());
+        for (number, (cell, names)) in self.cells.iter().zip(names).enumerate() {
             let path = names.image(self.frame);
-            let image = read_image(&path, (settings.render.memory_limit_gib * f64::from(1 << 30)) as u64)?;
-            let output = &settings.output;
-            let picture = sheet::Cell::new(label.clone(), &image, output.view, output.exposure_ev)
+            let image = read_image(&path, memory_limit)?;
+            let output = &cell.scene.settings.output;
+            Picture::new(&image, output.view, output.exposure_ev, width)
+                .and_then(|picture| self.layout.put(&mut canvas, number, &picture))
                 .map_err(|error| Error::Usage(format!("{}: {error}", path.display())))?;
-            pictures.push(picture.narrowed(arguments.width.unwrap_or(u32::MAX)));
         }
-        let columns = arguments.columns.or_else(|| arguments.vary.last().map(|vary| vary.values.len() as u32));
-        let mut title = vec![format!("{}, frame {}", self.cells[0].scene.name(), self.frame)];
-        let last = arguments.vary.len() - 1;
-        title.extend(arguments.vary.iter().enumerate().map(|(i, vary)| match arguments.columns {
-            Some(_) => vary.key.clone(),
-            None if i == last => format!("across: {}", vary.key),
-            None => format!("down: {}", vary.key),
-        }));
-        let settings = SheetSettings { columns, width: arguments.width, is_labelled: true };
-        let canvas = sheet::sheet(pictures, &title, settings).map_err(|error| Error::Usage(error.to_string()))?;
         write_atomic(&self.sheet, &canvas.to_png()?)?;
-        let [width, height] = canvas.size;
+        let Canvas { size: [width, height], .. } = canvas;
         print_result(&format!("{}: {width} × {height} pixels", self.sheet.display()))
     }
 }
 
-/// The flags as `render` would have them.
-fn render_arguments(arguments: &WedgeArguments) -> RenderArguments {
-    RenderArguments {
-        common: arguments.common.to_frame_arguments(),
-        spp: arguments.spp,
-        noise_target: arguments.noise_target,
-        time_limit: None,
-        resolution: arguments.resolution,
-        output: None,
-        crop: arguments.crop,
-        pixel: None,
-        samples: None,
-        resume: arguments.resume,
-        checkpoint_every: arguments.checkpoint_every,
-        missing: false,
-        dry_run: arguments.dry_run,
-        movie: None,
+/// What the sheet will look like.
+fn layout(arguments: &WedgeArguments, cells: &[Cell], labels: &[String], frame: i32) -> Result<Layout, Error> {
+    let shown = |Cell { scene, crop }: &Cell| {
+        let film = &scene.settings.film;
+        let bounds = crop.unwrap_or_else(|| render::canvas(film));
+        Image::cropped(film.resolution, [bounds.x0, bounds.y0, bounds.x1, bounds.y1]).shown_size()
+    };
+    let name = cells.first().map_or("", |cell| cell.scene.name());
+    let cells: Vec<sheet::Cell> =
+        cells.iter().zip(labels).map(|(cell, label)| sheet::Cell { label: label.clone(), size: shown(cell) }).collect();
+    let columns = arguments.columns.or_else(|| arguments.vary.last().map(|vary| vary.values.len() as u32));
+    let mut title = vec![format!("{name}, frame {frame}")];
+    let last = arguments.vary.len() - 1;
+    title.extend(arguments.vary.iter().enumerate().map(|(i, vary)| match arguments.columns {
+        Some(_) => vary.key.clone(),
+        None if i == last => format!("across: {}", vary.key),
+        None => format!("down: {}", vary.key),
+    }));
+    let settings = SheetSettings { columns, width: arguments.width, is_labelled: true };
+    Layout::new(&cells, &title, settings).map_err(|error| Error::Usage(error.to_string()))
+}
+
+/// What is wrong with some cells.
+struct Fault<'a> {
+    error: Error,
+    /// The error as it is told.
+    text: String,
+    choices: Vec<&'a Choice>,
+}
+
+impl Fault<'_> {
+    fn tell(&self) {
+        let cell = |choice: &&Choice| {
+            choice.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>().join(", ")
+        };
+        let count = self.choices.len();
+        let mut cells = self.choices.iter().take(NAMED_MAX).map(cell).collect::<Vec<_>>().join("; ");
+        if count > NAMED_MAX {
+            cells += &format!("; and {} more", count - NAMED_MAX);
+        }
+        let pictures = if count == 1 { "the picture".into() } else { format!("{count} pictures") };
+        log(&format!("--vary, in {pictures} of {cells}:"));
+        report(&self.error);
+    }
+}
+
+/// The cells that can be made, after telling each of their warnings once, and each fault with all cells that have it.
+fn gathered<'a>(loaded: impl Iterator<Item = (&'a Choice, Result<Cell, Error>)>) -> (Vec<Cell>, Vec<Fault<'a>>) {
+    let (mut cells, mut faults): (Vec<Cell>, Vec<Fault>) = Default::default();
+    let mut told = HashSet::new();
+    for (choice, cell) in loaded {
+        match cell {
+            Ok(mut cell) => {
+                name_vary(&mut cell.scene.warnings, choice);
+                let warnings = cell.scene.warnings.iter().map(ToString::to_string);
+                warnings.filter(|warning| told.insert(warning.clone())).for_each(|warning| log(&warning));
+                cells.push(cell);
+            }
+            Err(mut error) => {
+                if let Error::Scene(SceneError::Faulty(diagnostics)) = &mut error {
+                    name_vary(diagnostics, choice);
+                }
+                let text = error.to_string();
+                match faults.iter_mut().find(|fault| fault.text == text) {
+                    Some(fault) => fault.choices.push(choice),
+                    None => faults.push(Fault { error, text, choices: vec![choice] }),
+                }
+            }
+        }
+    }
+    (cells, faults)
+}
+
+/// Names the flag that a value came from, which is `--set` to a scene.
+fn name_vary(diagnostics: &mut [Diagnostic], choice: &Choice) {
+    for diagnostic in diagnostics {
+        let key = diagnostic.file.strip_prefix("--set ");
+        if let Some(key) = key.filter(|&key| choice.iter().any(|(own, _)| own == key)) {
+            diagnostic.file = format!("--vary {key}");
+        }
     }
 }
 
 /// Every combination of values; those of the last setting change fastest.
-fn choices(vary: &[Vary]) -> Result<Vec<Vec<(String, String)>>, Error> {
+fn choices(vary: &[Vary]) -> Result<Vec<Choice>, Error> {
     let count = vary.iter().fold(1_usize, |count, vary| count.saturating_mul(vary.values.len()));
     if count > CELLS_MAX {
         return Err(Error::Usage(format!(
@@ -240,7 +292,12 @@ fn choices(vary: &[Vary]) -> Result<Vec<Vec<(String, String)>>, Error> {
         if vary[..i].iter().any(|other| other.key == *key) {
             return Err(Error::Usage(format!("--vary {key} is there twice; give all its values at once")));
         }
-        let with = |choice: &Vec<(String, String)>| {
+        if NAMES.contains(&key.as_str()) {
+            return Err(Error::Usage(format!(
+                "--vary {key}: pictures of a wedge are named after what is varied, and -o says where they go; vary something else"
+            )));
+        }
+        let with = |choice: &Choice| {
             values.iter().map(|value| [choice.as_slice(), &[(key.clone(), value.clone())]].concat()).collect::<Vec<_>>()
         };
         choices = choices.iter().flat_map(with).collect();
@@ -267,7 +324,7 @@ fn scene_of_cell(
 }
 
 /// Patterns of all cells' pictures without their endings, and that of the sheet.
-fn file_names(output: &str, choices: &[Vec<(String, String)>]) -> Result<(Vec<String>, Pattern), Error> {
+fn file_names(output: &str, choices: &[Choice]) -> Result<(Vec<String>, Pattern), Error> {
     let sheet = Pattern::parse(output).map_err(|e| Error::Pattern(output.into(), e))?;
     let stem = output
         .strip_suffix(".png")
@@ -318,8 +375,8 @@ fn short_names(choice: &[(String, String)]) -> Vec<String> {
 }
 
 /// What is written below each picture: a line for each setting.
-fn labels(choices: &[Vec<(String, String)>]) -> Vec<String> {
-    let label = |choice: &Vec<(String, String)>| {
+fn labels(choices: &[Choice]) -> Vec<String> {
+    let label = |choice: &Choice| {
         let lines = short_names(choice).into_iter().zip(choice).map(|(name, (_, value))| format!("{name}={value}"));
         lines.collect::<Vec<_>>().join("\n")
     };

@@ -158,19 +158,26 @@ impl Image {
     /// What of numbers for each pixel of the data window is within the display window, and its width and height: what people
     /// look at. All of them where nothing is within it.
     pub fn shown<T: Copy>(&self, pixels: &[T]) -> ([u32; 2], Vec<T>) {
-        // Of columns, and of rows: from where on, and how many.
+        let [(left, columns), (top, rows)] = self.within();
+        let lines = pixels.chunks_exact((self.data_size[0] as usize).max(1)).skip(top as usize).take(rows as usize);
+        let (first, end) = (left as usize, left as usize + columns as usize);
+        ([columns, rows], lines.flat_map(|line| &line[first..end]).copied().collect())
+    }
+
+    /// Width and height of what people look at, see [`Image::shown`] [pixels].
+    pub fn shown_size(&self) -> [u32; 2] {
+        self.within().map(|(_, length)| length)
+    }
+
+    /// Columns, and rows, of the data window that people look at: from where on, and how many.
+    fn within(&self) -> [(u32, u32); 2] {
         let within = [0, 1].map(|i| {
             let (from, length) = (i64::from(self.data_origin[i]), i64::from(self.data_size[i]));
             let (first, end) = (from.max(0), (from + length).min(i64::from(self.size[i])));
-            ((first - from) as usize, (end - first).max(0) as usize)
+            ((first - from) as u32, (end - first).max(0) as u32)
         });
-        let [(left, columns), (top, rows)] = within;
-        if columns == 0 || rows == 0 {
-            return (self.data_size, pixels.to_vec());
-        }
-        let lines = pixels.chunks_exact(self.data_size[0] as usize).skip(top).take(rows);
-        let shown = lines.flat_map(|line| &line[left..left + columns]).copied().collect();
-        ([columns as u32, rows as u32], shown)
+        let is_empty = within.iter().any(|(_, length)| *length == 0);
+        if is_empty { self.data_size.map(|length| (0, length)) } else { within }
     }
 
     /// Position in the display window of the pixel with the given number in the data window.

@@ -3,9 +3,11 @@
 use crate::error::Error;
 use crate::geometry::gltf_file::{buffer_files, is_gltf};
 use crate::output::sidecar;
+use crate::pipeline::inputs::Stamp;
 use crate::pipeline::{memory_limit, parse_pattern};
 use crate::render::film::PixelBounds;
 use crate::scene::{Scene, settings};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
@@ -18,7 +20,7 @@ pub(super) struct InputHash {
 }
 
 impl InputHash {
-    pub(super) fn new(scene: &Scene, crop: Option<PixelBounds>) -> Result<Self, Error> {
+    pub(super) fn new(scene: &Scene, crop: Option<PixelBounds>, known: &mut FileHashes) -> Result<Self, Error> {
         let mut settings = scene.settings.clone();
         // What changes no pixel of a frame must not make it stale.
         settings.frames.last = settings.frames.first;
@@ -36,15 +38,15 @@ impl InputHash {
             settings.render.memory_limit_gib = 0.0;
         }
         let files = [mesh_files(scene), texture_files(scene), light_files(scene), mask_files(scene)].concat();
-        let hashes = files.iter().map(|path| file_hash(path)).collect::<Result<Vec<_>, _>>()?;
+        let hashes = files.into_iter().map(|path| known.of(path)).collect::<Result<Vec<_>, _>>()?;
         let settings = serde_json::to_value(&settings).map_err(|e| Error::Internal(e.to_string()))?;
         Ok(Self { settings: format!("{settings}{crop:?}").into_bytes(), files: hashes.concat() })
     }
 
-    pub(super) fn fingerprint(&self, scene: &Scene, frame: i32) -> Result<String, Error> {
+    pub(super) fn fingerprint(&self, scene: &Scene, frame: i32, known: &mut FileHashes) -> Result<String, Error> {
         let mut volume = String::new();
         for path in smoke_files(scene, frame)?.into_iter().chain(volume_files(scene, frame)?) {
-            volume += &file_hash(&path)?;
+            volume += &known.of(path)?;
         }
         let version = concat!(env!("CARGO_PKG_VERSION"), "/");
         let parts = [
@@ -118,6 +120,48 @@ fn density_files<'a>(
     files.map(|file| Ok(scene.resolve(&parse_pattern(&file.path)?.expand(frame, scene.name())))).collect()
 }
 
-fn file_hash(path: &Path) -> Result<String, Error> {
-    Ok(sidecar::sha256_of_file(path)?)
+/// Hashes of files, each read once as long as it stays what it is.
+#[derive(Default)]
+pub(super) struct FileHashes(HashMap<PathBuf, (Stamp, String)>);
+
+impl FileHashes {
+    fn of(&mut self, path: PathBuf) -> Result<String, Error> {
+        self.with(path, |path| Ok(sidecar::sha256_of_file(path)?))
+    }
+
+    fn with(&mut self, path: PathBuf, hash: impl FnOnce(&Path) -> Result<String, Error>) -> Result<String, Error> {
+        // Taken before the file is read, so that one that changes meanwhile is read again.
+        let stamp = Stamp::of(&path);
+        match self.0.get(&path) {
+            Some((known, hash)) if *known == stamp && stamp.exists() => Ok(hash.clone()),
+            _ => {
+                let hash = hash(&path)?;
+                self.0.insert(path, (stamp, hash.clone()));
+                Ok(hash)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn a_file_is_hashed_again_only_when_it_has_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let (mut hashes, mut count) = (FileHashes::default(), 0);
+        for (text, expected) in [(Some("one"), 1), (None, 1), (Some("other"), 2), (None, 2)] {
+            text.iter().for_each(|text| fs::write(&path, text).unwrap());
+            let hash = |path: &Path| {
+                count += 1;
+                Ok(sidecar::sha256_of_file(path)?)
+            };
+            let hash = hashes.with(path.clone(), hash).unwrap();
+            assert_eq!((hash, count), (sidecar::sha256_of_file(&path).unwrap(), expected));
+        }
+        assert!(hashes.of(folder.path().join("none")).is_err());
+    }
 }

@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::geometry::{keys, vector};
 use crate::math::hash::Seed;
 use crate::output::frames::check_distinct;
-use crate::pipeline::fingerprint::InputHash;
+use crate::pipeline::fingerprint::{FileHashes, InputHash};
 use crate::pipeline::studio::Studio;
 use crate::pipeline::{FrameOutcome, OutputFiles, RenderJob, Shot, check_sums, check_writable, make, time_of};
 use crate::progress::Progress;
@@ -31,12 +31,12 @@ pub fn turntable(
     check_writable(job.frames.iter().map(|&view| files.to_write(view)))?;
     check_sums(scene, job, &files)?;
     let [Some(&first), Some(&last)] = [job.frames.iter().min(), job.frames.iter().max()] else { return Ok(()) };
-    let mut studio: Option<Studio> = None;
+    let (mut studio, mut hashes): (Option<Studio>, _) = (None, FileHashes::default());
     for (index, &view) in job.frames.iter().enumerate() {
         progress.frame(view, index, job.frames.len());
         let turns = (f64::from(view) - f64::from(first)) / (f64::from(last) - f64::from(first) + 1.0);
         let turned = turned(scene, frame, view, turns);
-        let fingerprint = InputHash::new(&turned, job.crop)?.fingerprint(&turned, frame)?;
+        let fingerprint = InputHash::new(&turned, job.crop, &mut hashes)?.fingerprint(&turned, frame, &mut hashes)?;
         if job.resume && files.is_complete(view, &fingerprint) {
             on_view(&FrameOutcome::Kept { frame: view });
             continue;

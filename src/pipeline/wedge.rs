@@ -1,7 +1,7 @@
 //! One frame of many scenes that differ in a few settings: what they have in common is made once.
 
 use crate::error::Error;
-use crate::pipeline::fingerprint::InputHash;
+use crate::pipeline::fingerprint::{FileHashes, InputHash};
 use crate::pipeline::inputs::{Inputs, Part};
 use crate::pipeline::live::LiveStudio;
 use crate::pipeline::{FrameOutcome, OutputFiles, RenderJob, Shot, check_camera, check_lights, check_writable, make};
@@ -41,11 +41,11 @@ pub fn wedge(
         check_camera(scene, &[frame])?;
         check_lights(scene, &[frame])?;
     }
-    let mut studio = LiveStudio::default();
+    let (mut studio, mut hashes) = (LiveStudio::default(), FileHashes::default());
     for (index, &number) in order(cells, frame)?.iter().enumerate() {
         let (Cell { scene, crop }, files) = (&cells[number], &files[number]);
         progress.frame(frame, index, cells.len());
-        let fingerprint = InputHash::new(scene, *crop)?.fingerprint(scene, frame)?;
+        let fingerprint = InputHash::new(scene, *crop, &mut hashes)?.fingerprint(scene, frame, &mut hashes)?;
         if job.resume && files.is_complete(frame, &fingerprint) {
             on_cell(number, Some(&FrameOutcome::Kept { frame }));
             continue;
