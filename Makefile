@@ -60,7 +60,8 @@ gallery:
 		$(CURLSMOKE) render scenes/$$scene.yaml --frames 48 --resolution 640x360 --spp 256 --resume || exit 1; \
 		cp out/$$scene.0048.png docs/gallery/$$scene.png; \
 	done
-
+	$(CURLSMOKE) render scenes/orbit.yaml --frames 44 --spp 320 --resume
+	cp out/orbit.0044.png docs/gallery/orbit.png
 	$(CURLSMOKE) render scenes/skein.yaml --resume
 	cp out/skein.0001.png docs/gallery/skein.png
 

@@ -28,7 +28,7 @@ const BATCH: usize = 1 << 22;
 const FIRST_BATCH: usize = 1 << 17;
 /// Pairs of a piece and a brick in a batch, unless it is of a single particle. Bricks that many batches reach are read and written
 /// as often; pairs take memory.
-const BATCH_TOUCHES: u64 = 1 << 21;
+const BATCH_TOUCHES: u64 = 3 << 19;
 /// The same near obstacles, where pairs take more memory.
 const BATCH_TOUCHES_SOFT: u64 = 1 << 20;
 /// Memory of a pair while pairs are sorted, with what is known of its piece [bytes].
