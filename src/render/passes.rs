@@ -11,7 +11,7 @@ use crate::render::ledger::{Canvas, Tile, TileContent};
 use crate::render::media::Media;
 use crate::render::motion::FrameMotion;
 use crate::render::sun_shadow::SunShadows;
-use crate::render::tiles::{PixelPainter, TILE, Traced, View, middle_of};
+use crate::render::tiles::{TILE, TilePainter, Traced, View, middle_of};
 use crate::render::world::World;
 use std::sync::Arc;
 
@@ -135,19 +135,20 @@ impl<'a> Passes<'a> {
         let work = self.bounds.iter().zip(&mut self.tiles);
         parallel::try_map(work, |_, (tile, sums)| -> Result<(), RenderError> {
             // Taken over at the end, so that a pass that is cancelled leaves what was there.
-            let (mut written, mut counts) = (Vec::with_capacity(sums.written.len()), sums.counts);
+            let mut written = Vec::with_capacity(sums.written.len());
+            let mut painter = TilePainter::new(view, traced, progress, sums.counts);
+            painter.look()?;
             for (i, mut sum) in sums.read(view).take(tile.area()).enumerate() {
                 let (column, row) = (i as u32 % tile.width(), i as u32 / tile.width());
                 if column.is_multiple_of(stride) && row.is_multiple_of(stride) {
                     let place = [tile.x0.saturating_add_unsigned(column), tile.y0.saturating_add_unsigned(row)];
-                    let mut painter = PixelPainter::new(place, view, traced, progress, &mut counts);
                     let has = sum.moments().count();
-                    painter.add(&mut sum, has..paths.max(has))?;
-                    painter.look()?;
+                    painter.add(place, &mut sum, has..paths.max(has))?;
                 }
                 sum.encode(&mut written);
             }
-            (sums.written, sums.counts) = (written, counts);
+            painter.tell();
+            (sums.written, sums.counts) = (written, painter.counts);
             Ok(())
         })?;
         Ok(())

@@ -31,7 +31,7 @@ pub(crate) const TILE: u32 = 16;
 const ADAPTIVE_TILE: u32 = 32;
 
 /// Most samples between two looks at whether to stop: a pixel may have millions.
-const SAMPLES_A_LOOK: u32 = 256;
+const SAMPLES_A_LOOK: u64 = 256;
 /// Most scatterings between two looks: a path may have a hundred thousand.
 const BOUNCES_A_LOOK: u64 = 1 << 14;
 
@@ -157,8 +157,8 @@ pub fn render_to(
         }
         let made = match &view.adaptive {
             Some(adaptive) => render_adaptively(tile, view, &traced, progress, adaptive)?,
-            None => render_tile(tile, view, &traced, progress, is_part, |mut painter| {
-                painter.paint(PixelSum::new(&view.layers), samples.clone(), samples.len() as u32)
+            None => render_tile(tile, view, &traced, progress, is_part, |painter, place| {
+                painter.paint(place, PixelSum::new(&view.layers), samples.clone(), samples.len() as u32)
             })?,
         };
         ledger.put(index, made);
@@ -199,15 +199,13 @@ fn render_adaptively(
     // Of the whole picture, so that a part of it comes out as it is there.
     let frame = PixelBounds::whole(view.resolution);
     let outer = bounds.grown([1; 4]).common(&view.canvas).unwrap_or(*bounds);
-    let mut counts = PathCounts::default();
+    let mut painter = TilePainter::new(view, traced, progress, PathCounts::default());
+    painter.tells = false;
     let (mut begun, mut needed) = (Vec::new(), Vec::with_capacity(outer.area()));
     for y in outer.y0..outer.y1 {
         for x in outer.x0..outer.x1 {
             let mut sum = PixelSum::new(&view.layers);
-            let mut painter = PixelPainter::new([x, y], view, traced, progress, &mut counts);
-            painter.tells = false;
-            painter.look()?;
-            painter.add(&mut sum, 0..adaptive.min_spp)?;
+            painter.add([x, y], &mut sum, 0..adaptive.min_spp)?;
             needed.push(adaptive.needed(&sum));
             if bounds.contains(x, y) {
                 begun.push(sum);
@@ -215,16 +213,16 @@ fn render_adaptively(
         }
     }
     let mut begun = begun.into_iter();
-    let tile = render_tile(bounds, view, traced, progress, false, |mut painter| {
-        let (x, y) = (painter.x, painter.y);
+    let tile = render_tile(bounds, view, traced, progress, false, |painter, [x, y]| {
         let around = (-1i32..=1).flat_map(|dy| (-1i32..=1).map(move |dx| (dx, dy))).filter(|&step| step != (0, 0));
         // What is beside the frame has no say in it, so that the frame is the same with overscan and without.
         let asked = if frame.contains(x, y) { outer.common(&frame).unwrap_or(outer) } else { outer };
         let around = around.map(|(dx, dy)| (x + dx, y + dy)).filter(|&(x, y)| asked.contains(x, y));
         let mut needed: Vec<f32> = around.map(|(x, y)| needed[outer.index(x, y)]).collect();
         let begun = begun.next().expect("one for each pixel");
-        painter.paint(begun, adaptive.min_spp..adaptive.paths(view.spp, &mut needed), view.spp)
+        painter.paint([x, y], begun, adaptive.min_spp..adaptive.paths(view.spp, &mut needed), view.spp)
     })?;
+    let mut counts = painter.counts;
     counts.add(&tile.counts);
     Ok(Tile { counts, ..tile })
 }
@@ -236,14 +234,15 @@ fn render_tile(
     traced: &Traced,
     progress: &dyn Progress,
     is_part: bool,
-    mut paint: impl FnMut(PixelPainter) -> Result<PixelSum, RenderError>,
+    mut paint: impl FnMut(&mut TilePainter, [i32; 2]) -> Result<PixelSum, RenderError>,
 ) -> Result<Tile, RenderError> {
-    let mut counts = PathCounts::default();
+    let mut painter = TilePainter::new(view, traced, progress, PathCounts::default());
+    painter.look()?;
     let (mut pixels, mut layer_data, mut sums) = (Vec::new(), Vec::new(), Vec::new());
     let needs_middle = view.layers.iter().any(Layer::is_of_the_middle);
     for y in bounds.y0..bounds.y1 {
         for x in bounds.x0..bounds.x1 {
-            let sum = paint(PixelPainter::new([x, y], view, traced, progress, &mut counts))?;
+            let sum = paint(&mut painter, [x, y])?;
             let middle = needs_middle.then(|| {
                 let ray = view.camera.ray(middle_of(x, y), [0.5, 0.5]);
                 Middle::look(&traced.integrator, &view.camera, &ray)
@@ -257,24 +256,24 @@ fn render_tile(
             }
         }
     }
+    painter.tell();
     let content = if is_part { TileContent::Sums(sums) } else { TileContent::Finished { pixels, layer_data } };
-    Ok(Tile { content, counts })
+    Ok(Tile { content, counts: painter.counts })
 }
 
 pub(crate) fn middle_of(x: i32, y: i32) -> Vec2 {
     Vec2::new(x as f32 + 0.5, y as f32 + 0.5)
 }
 
-/// Traces the paths of one pixel.
-pub(crate) struct PixelPainter<'a> {
-    x: i32,
-    y: i32,
+/// Traces the paths of a tile, pixel by pixel.
+pub(crate) struct TilePainter<'a> {
     view: &'a View,
     traced: &'a Traced<'a>,
     progress: &'a dyn Progress,
-    counts: &'a mut PathCounts,
+    /// What became of the paths so far.
+    pub counts: PathCounts,
     /// Paths that `progress` was not told of yet, and whether it is told of any.
-    unsaid: u32,
+    unsaid: u64,
     tells: bool,
     looked_at_bounce: u64,
     /// The path at hand; kept, as it is large.
@@ -283,54 +282,55 @@ pub(crate) struct PixelPainter<'a> {
     carried: Vec<Option<Carried>>,
 }
 
-impl<'a> PixelPainter<'a> {
-    pub(crate) fn new(
-        [x, y]: [i32; 2],
-        view: &'a View,
-        traced: &'a Traced<'a>,
-        progress: &'a dyn Progress,
-        counts: &'a mut PathCounts,
-    ) -> Self {
-        let looked_at_bounce = counts.bounces;
-        let contribution = Contribution::new(view.layers.iter().any(Layer::tells_ways));
+impl<'a> TilePainter<'a> {
+    /// Of a tile whose paths so far are `counts`.
+    pub fn new(view: &'a View, traced: &'a Traced<'a>, progress: &'a dyn Progress, counts: PathCounts) -> Self {
         Self {
-            x,
-            y,
             view,
             traced,
             progress,
             counts,
             unsaid: 0,
             tells: true,
-            looked_at_bounce,
-            contribution,
+            looked_at_bounce: counts.bounces,
+            contribution: Contribution::new(view.layers.iter().any(Layer::tells_ways)),
             carried: Vec::new(),
         }
     }
 
     /// Traces these paths; of the pixel, which counts for `most` paths, no more will follow.
-    fn paint(&mut self, mut sum: PixelSum, samples: Range<u32>, most: u32) -> Result<PixelSum, RenderError> {
-        self.look()?;
+    fn paint(
+        &mut self,
+        place: [i32; 2],
+        mut sum: PixelSum,
+        samples: Range<u32>,
+        most: u32,
+    ) -> Result<PixelSum, RenderError> {
         let before = self.counts.traced;
-        self.add(&mut sum, samples)?;
+        self.add(place, &mut sum, samples)?;
         // Paths that were not needed are done too.
-        self.unsaid += u64::from(most).saturating_sub(self.counts.traced - before) as u32;
-        self.progress.advance(u64::from(self.unsaid));
+        self.unsaid += u64::from(most).saturating_sub(self.counts.traced - before);
         Ok(sum)
     }
 
-    /// Says how far it is, and asks whether to stop.
-    pub(crate) fn look(&mut self) -> Result<(), RenderError> {
+    /// Says how far it is.
+    pub fn tell(&mut self) {
         if self.tells {
-            self.progress.advance(u64::from(self.unsaid));
+            self.progress.advance(self.unsaid);
         }
         self.unsaid = 0;
+    }
+
+    /// Says how far it is, and asks whether to stop.
+    pub fn look(&mut self) -> Result<(), RenderError> {
+        self.tell();
         self.looked_at_bounce = self.counts.bounces;
         if self.progress.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
     }
 
-    pub(crate) fn add(&mut self, sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
-        let (x, y, view) = (self.x, self.y, self.view);
+    /// Traces these paths of a pixel.
+    pub fn add(&mut self, [x, y]: [i32; 2], sum: &mut PixelSum, samples: Range<u32>) -> Result<(), RenderError> {
+        let view = self.view;
         let pixel = match view.adaptive {
             Some(_) => PixelSamples::alone(view.seed, x, y),
             None => PixelSamples::new(view.seed, view.spp, x, y),
@@ -355,7 +355,7 @@ impl<'a> PixelPainter<'a> {
             let ray = camera.ray(middle_of(x, y) + view.filter.sample([u[0], u[1]]), [u[2], u[3]]);
             let contribution = &mut self.contribution;
             contribution.clear();
-            integrator.trace_into(contribution, ray, &mut sampler, self.counts);
+            integrator.trace_into(contribution, ray, &mut sampler, &mut self.counts);
             contribution.null_collisions = sampler.stream().null_collisions;
             if let Some(motion) = self.traced.motion {
                 // Motion is that from the frame's own time on, wherever in the shutter a shape was seen.
