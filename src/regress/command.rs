@@ -1,4 +1,4 @@
-//! Commands of a suite: they end with the program, and say what they like without filling its memory.
+//! Commands of a suite: the shell that runs one ends with the program, and what it says does not fill memory.
 
 use crate::error::Error;
 use crate::progress::Progress;
@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// first, and its number last.
 ///
 /// # Errors
-/// When there is no shell, and stopping, which ends the command.
+/// When there is no shell, and stopping, which ends the shell; programs that a line of several has begun end by themselves.
 pub fn run(line: &str, folder: &Path, progress: &dyn Progress) -> Result<(ExitStatus, String), Error> {
     let failed = |e: std::io::Error| Error::Usage(format!("`{line}` cannot be run: {e}"));
     let mut command = Command::new("sh");
