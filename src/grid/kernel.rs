@@ -5,6 +5,7 @@
 //! three short sums, which makes the mass exact at the price of being a little fuller along diagonals than along axes.
 
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS};
+use crate::math::lanes::{self, Batch, run_kernel};
 use glam::{DVec3, IVec3};
 
 /// Narrowest kernel [voxels]: particles with a smaller radius are widened to it, so that a kernel always reaches a voxel
@@ -14,99 +15,94 @@ pub const MIN_RADIUS: f64 = 1.0;
 pub const MAX_RADIUS: f64 = 128.0;
 /// Largest number of voxel centres within a kernel along one axis.
 pub(crate) const MAX_WIDTH: usize = 2 * MAX_RADIUS as usize + 2;
-/// Zeros on both sides of the weights, so that a row of any brick that the kernel reaches is a plain read.
-const MARGIN: usize = BRICK_EDGE;
-const STORED_WIDTH: usize = MAX_WIDTH.next_multiple_of(BRICK_EDGE) + 2 * MARGIN;
 
 /// A number for each voxel along an edge of a brick.
-type Row = [f32; BRICK_EDGE];
+type Row = [f64; BRICK_EDGE];
 
-/// The kernel of one piece of one particle: where it starts and its weights along each axis, which add up to 1.
-pub(crate) struct Kernel {
-    low: IVec3,
-    width: IVec3,
-    /// From `MARGIN` on; 0 before and for at least as many after.
-    weights: [[f32; STORED_WIDTH]; 3],
+/// The weights along an axis of eight voxels, the first of which is at `start` relative to the kernel's centre; not normalised.
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+fn weights(start: f64, inverse_radius: f64) -> Row {
+    let mut weights = [0.0; BRICK_EDGE];
+    for i in 0..BRICK_EDGE {
+        let u = (start + i as f64) * inverse_radius;
+        let s = (1.0 - u * u).max(0.0);
+        weights[i] = s * s * s;
+    }
+    weights
 }
 
-/// The part of a brick that a kernel reaches.
-struct Overlap<'a> {
-    /// First voxel and the one after the last, counted from the first of the brick.
-    from: IVec3,
-    to: IVec3,
-    /// Weights along each axis, for all voxels along the brick's edge.
-    weights: [&'a Row; 3],
+/// What the weights of the kernel of `radius` about `center` [voxels, relative to voxel centres] are multiplied by so that they add
+/// up to 1 over all voxels.
+pub(crate) fn normalisation(center: DVec3, radius: f64) -> f64 {
+    run_kernel(Normalise { center, radius })
+}
+
+struct Normalise {
+    center: DVec3,
+    radius: f64,
+}
+
+impl lanes::Kernel for Normalise {
+    type Output = f64;
+
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    fn run<L: Batch>(self, _: L) -> f64 {
+        let inverse_radius = 1.0 / self.radius;
+        let mut volume = 1.0;
+        for axis in 0..3 {
+            let mut start = (self.center[axis] - self.radius).ceil() - self.center[axis];
+            let mut sums = weights(start, inverse_radius);
+            start += BRICK_EDGE as f64;
+            while start <= self.radius {
+                let row = weights(start, inverse_radius);
+                for i in 0..BRICK_EDGE {
+                    sums[i] += row[i];
+                }
+                start += BRICK_EDGE as f64;
+            }
+            let [a, b, c, d, e, f, g, h] = sums;
+            volume *= ((a + e) + (c + g)) + ((b + f) + (d + h));
+        }
+        1.0 / volume
+    }
+}
+
+/// What a kernel is within one brick: its weights along each axis, not normalised.
+pub(crate) struct Kernel {
+    weights: [Row; 3],
+    /// Voxels along y and z that it reaches.
+    from: [usize; 2],
+    to: [usize; 2],
 }
 
 impl Kernel {
-    pub fn zeroed() -> Self {
-        Self { low: IVec3::ZERO, width: IVec3::ZERO, weights: [[0.0; STORED_WIDTH]; 3] }
-    }
-
-    /// Sets the kernel to one of `radius` about `center` [voxels, relative to voxel centres].
+    /// The kernel of `radius` about `center` [voxels, relative to voxel centres].
     #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn place(&mut self, center: DVec3, radius: f64) {
-        let (low, high) = reach(center, radius);
-        self.low = low;
-        self.width = high - low + 1;
-        let inverse = (1.0 / radius) as f32;
-        for axis in 0..3 {
-            let start = (f64::from(low[axis]) - center[axis]) as f32;
-            let width = self.width[axis] as usize;
-            let weights = &mut self.weights[axis][MARGIN..][..width.next_multiple_of(BRICK_EDGE) + MARGIN];
-            // Whole rows, which the compiler computes side by side; what is beyond the kernel is 0 afterwards.
-            let (rows, _) = weights.as_chunks_mut::<BRICK_EDGE>();
-            for n in 0..rows.len() - 1 {
-                for i in 0..BRICK_EDGE {
-                    let u = (start + (n * BRICK_EDGE + i) as f32) * inverse;
-                    let s = (1.0 - u * u).max(0.0);
-                    rows[n][i] = s * s * s;
-                }
-            }
-            let weights = &mut self.weights[axis][MARGIN..][..width.next_multiple_of(BRICK_EDGE) + MARGIN];
-            let mut sum = 0.0f32;
-            for i in 0..width {
-                sum += weights[i];
-            }
-            let normalise = 1.0 / sum;
-            let (rows, _) = weights.as_chunks_mut::<BRICK_EDGE>();
-            for n in 0..rows.len() - 1 {
-                for i in 0..BRICK_EDGE {
-                    rows[n][i] *= normalise;
-                }
-            }
-            let weights = &mut self.weights[axis][MARGIN..][..width.next_multiple_of(BRICK_EDGE) + MARGIN];
-            weights[width..].fill(0.0);
-        }
+    pub fn within(brick: IVec3, center: DVec3, radius: f64) -> Self {
+        let start = (brick * BRICK_EDGE as i32).as_dvec3() - center;
+        let inverse_radius = 1.0 / radius;
+        let weights = [0, 1, 2].map(
+            #[inline(always)]
+            |axis| weights(start[axis], inverse_radius),
+        );
+        // The casts of negative numbers give 0.
+        let [from, to] = [-radius - start, radius - start];
+        let end = |last: f64| (last.floor() as usize + 1).min(BRICK_EDGE);
+        Self { weights, from: [from.y.ceil() as usize, from.z.ceil() as usize], to: [end(to.y), end(to.z)] }
     }
 
-    #[inline(always)]
-    fn overlap(&self, brick: IVec3) -> Option<Overlap<'_>> {
-        let base = self.low - brick * BRICK_EDGE as i32;
-        let from = base.max(IVec3::ZERO);
-        let to = (base + self.width).min(IVec3::splat(BRICK_EDGE as i32));
-        if from.cmpge(to).any() {
-            return None;
-        }
-        let row = |axis: usize| self.weights[axis][(MARGIN as i32 - base[axis]) as usize..].first_chunk();
-        Some(Overlap { from, to, weights: [row(0)?, row(1)?, row(2)?] })
-    }
-
-    /// Calls `visit` with each row of voxels of `brick` that the kernel reaches: the number y + 8·z, and `scale` times the weights
+    /// Calls `visit` with each row of voxels that the kernel reaches: the number y + 8·z, and `scale` times the weights
     /// along x, some of which may be 0. Mark closures `#[inline(always)]`.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn for_each_row(&self, brick: IVec3, scale: f64, mut visit: impl FnMut(usize, &[f64; BRICK_EDGE])) {
-        let Some(Overlap { from, to, weights: [wx, wy, wz] }) = self.overlap(brick) else { return };
-        let mut along = [0.0; BRICK_EDGE];
-        for x in 0..BRICK_EDGE {
-            along[x] = f64::from(wx[x]);
-        }
-        for z in from.z as usize..to.z as usize {
-            let layer = scale * f64::from(wz[z]);
-            for y in from.y as usize..to.y as usize {
-                let factor = layer * f64::from(wy[y]);
+    pub fn for_each_row(&self, scale: f64, mut visit: impl FnMut(usize, &Row)) {
+        let [along, wy, wz] = &self.weights;
+        for z in self.from[1]..self.to[1] {
+            let layer = scale * wz[z];
+            for y in self.from[0]..self.to[0] {
+                let factor = layer * wy[y];
                 let mut row = [0.0; BRICK_EDGE];
                 for x in 0..BRICK_EDGE {
                     row[x] = factor * along[x];
@@ -116,13 +112,12 @@ impl Kernel {
         }
     }
 
-    /// Adds `amount` times the kernel to the voxels of `brick`.
+    /// Adds `amount` times the weights to the voxels of the brick.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
-    pub fn add_to(&self, values: &mut [f64; BRICK_VOXELS], brick: IVec3, amount: f64) {
+    pub fn add_to(&self, values: &mut [f64; BRICK_VOXELS], amount: f64) {
         let (rows, _) = values.as_chunks_mut::<BRICK_EDGE>();
         self.for_each_row(
-            brick,
             amount,
             #[inline(always)]
             |n, weights| {
@@ -142,61 +137,54 @@ pub(crate) fn reach(center: DVec3, radius: f64) -> (IVec3, IVec3) {
     ((center - radius).ceil().as_ivec3(), (center + radius).floor().as_ivec3())
 }
 
-/// True when a kernel of `radius` about `center` reaches a voxel of `brick`.
-#[inline(always)]
-pub(crate) fn touches(center: DVec3, radius: f64, brick: IVec3) -> bool {
-    let low = (brick * BRICK_EDGE as i32).as_dvec3();
-    (center - radius).cmple(low + (BRICK_EDGE - 1) as f64).all() && (center + radius).cmpge(low).all()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::grid::local_voxel;
 
+    /// Bricks that a kernel reaches.
+    fn reached(center: DVec3, radius: f64) -> impl Iterator<Item = IVec3> {
+        let (low, high) = reach(center, radius);
+        let (low, high): (IVec3, IVec3) = (low >> 3, high >> 3);
+        (low.z..=high.z)
+            .flat_map(move |z| (low.y..=high.y).flat_map(move |y| (low.x..=high.x).map(move |x| IVec3::new(x, y, z))))
+    }
+
     #[test]
-    fn weights_add_up_to_one_and_are_never_empty() {
-        let mut kernel = Kernel::zeroed();
-        for i in 0..10_000 {
+    fn weights_add_up_to_one_over_all_bricks_and_are_never_negative() {
+        let wide = [(DVec3::splat(0.5), MAX_RADIUS), (DVec3::new(-7.25, 3.0, 1e6), 40.0)];
+        let narrow = (0..10_000).map(|i| {
             let t = f64::from(i) * 0.618;
-            let center = DVec3::new(t.sin() * 50.0, t.cos() * 9.0, t * 0.01);
-            let radius = MIN_RADIUS + (t % 1.0) * 5.0;
-            kernel.place(center, radius);
-            for axis in 0..3 {
-                let (before, weights) = kernel.weights[axis].split_at(MARGIN);
-                let (weights, after) = weights.split_at(kernel.width[axis] as usize);
-                assert!((weights.iter().sum::<f32>() - 1.0).abs() < 3e-7);
-                assert!(weights.iter().all(|&w| w >= 0.0));
-                assert!(before.iter().chain(&after[..MARGIN]).all(|&w| w == 0.0));
+            (DVec3::new(t.sin() * 50.0, t.cos() * 9.0, t * 0.01), MIN_RADIUS + (t % 1.0) * 5.0)
+        });
+        for (center, radius) in narrow.chain(wide) {
+            let scale = normalisation(center, radius);
+            let mut sum = 0.0;
+            for brick in reached(center, radius) {
+                Kernel::within(brick, center, radius).for_each_row(scale, |_, row| {
+                    assert!(row.iter().all(|&weight| weight >= 0.0));
+                    sum += row.iter().sum::<f64>();
+                });
             }
+            assert!((sum - 1.0).abs() < 1e-12, "{center}, {radius}: {sum}");
         }
-        kernel.place(DVec3::splat(0.5), MAX_RADIUS);
-        assert!(kernel.width.max_element() as usize <= MAX_WIDTH);
+        let (low, high) = reach(DVec3::splat(0.5), MAX_RADIUS);
+        assert!((high - low + 1).max_element() as usize <= MAX_WIDTH);
     }
 
     #[test]
     fn rows_at_once_add_what_single_voxels_do() {
-        let mut kernel = Kernel::zeroed();
         for (radius, shift) in [(1.0, 0.0), (1.7, 0.3), (3.4, -0.45), (9.0, 0.21), (40.0, 0.5)] {
-            kernel.place(DVec3::new(3.1 + shift, -2.7, 11.9 - shift), radius);
-            let (low, high): (IVec3, IVec3) = (kernel.low >> 3, (kernel.low + kernel.width - 1) >> 3);
-            let mut sum = 0.0;
-            for brick in (low.z..=high.z)
-                .flat_map(|z| (low.y..=high.y).flat_map(move |y| (low.x..=high.x).map(move |x| IVec3::new(x, y, z))))
-            {
-                let (mut rows, mut plain) = ([0.25; BRICK_VOXELS], [0.25; BRICK_VOXELS]);
-                kernel.add_to(&mut rows, brick, 0.7);
-                for (i, value) in plain.iter_mut().enumerate() {
-                    let at = brick * 8 + local_voxel(i).as_ivec3() - kernel.low;
-                    if at.cmpge(IVec3::ZERO).all() && at.cmplt(kernel.width).all() {
-                        let weight = |axis: usize| f64::from(kernel.weights[axis][MARGIN + at[axis] as usize]);
-                        *value += 0.7 * weight(0) * weight(1) * weight(2);
-                    }
+            let center = DVec3::new(3.1 + shift, -2.7, 11.9 - shift);
+            for brick in reached(center, radius) {
+                let mut rows = [0.25; BRICK_VOXELS];
+                Kernel::within(brick, center, radius).add_to(&mut rows, 0.7);
+                for (i, value) in rows.iter().enumerate() {
+                    let u = ((brick * 8 + local_voxel(i).as_ivec3()).as_dvec3() - center) / radius;
+                    let weight: f64 = u.to_array().map(|u| (1.0 - u * u).max(0.0).powi(3)).iter().product();
+                    assert!((value - 0.25 - 0.7 * weight).abs() < 1e-14, "{brick} at {radius}");
                 }
-                assert!(rows.iter().zip(&plain).all(|(a, b)| (a - b).abs() < 1e-15), "{brick} at {radius}");
-                sum += plain.iter().map(|v| v - 0.25).sum::<f64>();
             }
-            assert!((sum - 0.7).abs() < 1e-6, "{radius}: {sum}");
         }
     }
 }

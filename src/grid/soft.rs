@@ -3,7 +3,7 @@
 //! Towards a wall the kernel fades by a quartic of the distance (the soft particles of *Noise-Based Particles*, 2011,
 //! with the distance to the wall itself in place of the depth behind it), and where the particle cannot see, it puts
 //! nothing. A distance alone cannot tell one side of a thin plate from the other, so sight is tested along the straight
-//! line from the particle: by the two balls that are known to be empty where they cover it, by sphere tracing elsewhere.
+//! line from the particle: by the two balls that are known to be empty where they cover it, by more such balls in the gaps elsewhere.
 //!
 //! All lengths here are in voxels, and places are relative to voxel centres, unless they say otherwise.
 
@@ -12,13 +12,22 @@ use glam::{DVec3, IVec3};
 
 /// Voxels of a layer of a brick.
 const LAYER: usize = BRICK_EDGE * BRICK_EDGE;
-/// A bit for each voxel of a brick, a word for each layer.
-pub(crate) type Seen = [u64; BRICK_EDGE];
 const _: () = assert!(LAYER == u64::BITS as usize);
 
-/// The least step along a line of sight [voxels]. A plate thicker than this is never stepped over. Lines that run along
-/// a wall closer than this take the most steps.
+/// What a kernel sees of a brick.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Seen {
+    /// A bit for each voxel, a word for each layer.
+    voxels: [u64; BRICK_EDGE],
+    /// The weights of these voxels as walls leave them, added up.
+    pub weight: f64,
+}
+
+/// The longest part of a line of sight without an empty ball or a place that is asked about [voxels]. A plate thicker than this is never
+/// overlooked. Lines that run along a wall closer than half of it take the most questions.
 pub const SIGHT_STEP: f64 = 1.0 / 12.0;
+/// What a ball round a place outside of walls is taken for at least.
+const LEAST_BALL: f64 = 0.5 * SIGHT_STEP;
 /// The least share of a particle that is blown up to the whole. Of less, every voxel gets its weight over this much: a
 /// particle that sees the corner of one voxel through a crack must not put all its mass there.
 pub const SHARE_MIN: f64 = 1.0 / 64.0;
@@ -138,15 +147,43 @@ impl<'a> Sight<'a> {
     #[inline(never)]
     fn is_clear_along(&self, from: Sounding, to: Sounding, length: f64) -> bool {
         let direction = (to.place - from.place) / length.max(f64::MIN_POSITIVE);
-        let mut along = from.distance.max(SIGHT_STEP);
-        while along < length - to.distance {
-            let distance = self.sound(from.place + direction * along).distance;
-            if distance < 0.0 {
-                return false;
+        let mut gaps = vec![Gap { start: from.distance.max(LEAST_BALL), end: length - to.distance, line: 0 }];
+        while let Some(gap) = gaps.pop() {
+            if gap.start < gap.end {
+                let distance = self.sound(from.place + direction * gap.middle()).distance;
+                if distance < 0.0 {
+                    return false;
+                }
+                gaps.extend(gap.without_ball(distance));
             }
-            along += distance.max(SIGHT_STEP);
         }
         true
+    }
+}
+
+/// A part of a line of sight that no ball known to be empty covers.
+#[derive(Debug, Clone, Copy)]
+struct Gap {
+    /// Where it begins and ends, distances along the line.
+    start: f64,
+    end: f64,
+    /// Number of the line.
+    line: u32,
+}
+
+impl Gap {
+    /// Where to ask: what is in the way of a line between two places outside is most often in the middle, and an empty ball there
+    /// covers it on both sides.
+    #[inline(always)]
+    fn middle(&self) -> f64 {
+        0.5 * (self.start + self.end)
+    }
+
+    /// What is left of it on either side of a ball with this radius about its middle; ends before it begins where nothing is.
+    #[inline(always)]
+    fn without_ball(&self, radius: f64) -> [Self; 2] {
+        let (middle, radius) = (self.middle(), radius.max(LEAST_BALL));
+        [Self { end: middle - radius, ..*self }, Self { start: middle + radius, ..*self }]
     }
 }
 
@@ -155,6 +192,8 @@ impl<'a> Sight<'a> {
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
     lines: Vec<Line>,
+    gaps: Vec<Gap>,
+    next_gaps: Vec<Gap>,
     points: Vec<DVec3>,
     metres: Vec<f64>,
 }
@@ -163,11 +202,10 @@ pub(crate) struct Lines {
 struct Line {
     from: DVec3,
     direction: DVec3,
-    along: f64,
-    /// From here on the voxel's own empty ball covers it.
-    end: f64,
-    /// The voxel, and in which of the lists of seen voxels it belongs.
+    is_clear: bool,
+    /// The voxel, its weight as walls leave it, and to which of the kernels it belongs.
     number: usize,
+    weight: f64,
     slot: usize,
 }
 
@@ -178,43 +216,50 @@ impl Lines {
     }
 
     /// Adds the lines from a place outside of walls to the voxels of row `n` (y + 8·z) of the brick whose first voxel is `corner`, where
-    /// `weights` is not 0 and no wall; `distances` are those of the row. Lines that are seen to be clear at once are noted in
-    /// `seen` instead, the list of number `slot`.
+    /// `weights`, faded as walls leave them, are not 0; `distances` are those of the row. Lines that are seen to be clear at once
+    /// are noted in `seen` instead, of the kernel of number `slot`, and their weights added to `sums`.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    #[allow(clippy::too_many_arguments, reason = "a row of a kernel of a brick")]
     pub fn add_row(
         &mut self,
         from: Sounding,
         corner: DVec3,
         n: usize,
-        [weights, distances]: [&[f64; BRICK_EDGE]; 2],
+        weights: &[f64; BRICK_EDGE],
+        distances: &[f32; BRICK_EDGE],
         slot: usize,
         seen: &mut Seen,
+        sums: &mut [f64; BRICK_EDGE],
     ) {
         let first = corner + DVec3::new(0.0, (n % BRICK_EDGE) as f64, (n / BRICK_EDGE) as f64) - from.place;
         let across = first.y * first.y + first.z * first.z;
         let (mut clear, mut unsure) = (0u64, 0u64);
         for x in 0..BRICK_EDGE {
             let dx = first.x + x as f64;
-            let reach = from.distance + distances[x];
-            let is_asked = (weights[x] > 0.0) & (distances[x] > 0.0);
+            let reach = from.distance + f64::from(distances[x]);
+            // On walls and in them nothing is left of a weight.
+            let is_asked = weights[x] > 0.0;
             // The empty balls round both ends meet.
             let is_clear = dx * dx + across < reach * reach;
+            sums[x] += if is_clear { weights[x] } else { 0.0 };
             clear |= u64::from(is_asked & is_clear) << x;
             unsure |= u64::from(is_asked & !is_clear) << x;
         }
-        seen[n / BRICK_EDGE] |= clear << (BRICK_EDGE * (n % BRICK_EDGE));
+        seen.voxels[n / BRICK_EDGE] |= clear << (BRICK_EDGE * (n % BRICK_EDGE));
         while unsure != 0 {
             let x = unsure.trailing_zeros() as usize;
             unsure &= unsure - 1;
             let step = first + DVec3::new(x as f64, 0.0, 0.0);
             let length = step.length();
+            let (start, end) = (from.distance.max(LEAST_BALL), length - f64::from(distances[x]));
+            self.gaps.push(Gap { start, end, line: self.lines.len() as u32 });
             self.lines.push(Line {
                 from: from.place,
                 direction: step / length.max(f64::MIN_POSITIVE),
-                along: from.distance.max(SIGHT_STEP),
-                end: length - distances[x],
+                is_clear: true,
                 number: n * BRICK_EDGE + x,
+                weight: weights[x],
                 slot,
             });
         }
@@ -224,47 +269,62 @@ impl Lines {
 impl Sight<'_> {
     /// Follows all lines to their ends and notes those that get there in `seen`: as [`Sight::is_clear`] of each.
     pub fn follow(&self, lines: &mut Lines, seen: &mut [Seen]) {
-        let Lines { lines, points, metres } = lines;
+        let Lines { lines, gaps, next_gaps, points, metres } = lines;
         loop {
-            lines.retain(|line| {
-                let is_through = line.along >= line.end;
-                if is_through {
-                    seen[line.slot][line.number / LAYER] |= 1 << (line.number % LAYER);
-                }
-                !is_through
-            });
-            if lines.is_empty() {
-                return;
+            gaps.retain(|gap| gap.start < gap.end && lines[gap.line as usize].is_clear);
+            if gaps.is_empty() {
+                break;
             }
             points.clear();
-            points.extend(lines.iter().map(|l| (l.from + l.direction * l.along + 0.5) * self.voxel_size));
+            points.extend(gaps.iter().map(|gap| {
+                let line = &lines[gap.line as usize];
+                (line.from + line.direction * gap.middle() + 0.5) * self.voxel_size
+            }));
             metres.resize(points.len(), 0.0);
             self.obstacles.distances(points, metres);
-            let mut found = metres.iter().map(|d| d * self.inverse_voxel_size);
-            lines.retain_mut(|line| {
-                let distance = found.next().unwrap_or_default();
-                line.along += distance.max(SIGHT_STEP);
-                distance >= 0.0
-            });
+            next_gaps.clear();
+            for (gap, metres) in gaps.iter().zip(&*metres) {
+                if *metres < 0.0 {
+                    lines[gap.line as usize].is_clear = false;
+                } else {
+                    next_gaps.extend(gap.without_ball(metres * self.inverse_voxel_size));
+                }
+            }
+            std::mem::swap(gaps, next_gaps);
+        }
+        for line in lines.drain(..).filter(|line| line.is_clear) {
+            let seen = &mut seen[line.slot];
+            seen.voxels[line.number / LAYER] |= 1 << (line.number % LAYER);
+            seen.weight += line.weight;
         }
     }
 }
 
-/// `weights` of the voxels of row `n` that are seen, faded; 0 of others.
+impl Seen {
+    /// `weights` of the voxels of row `n` that are seen; 0 of others.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
+    pub fn of_row(&self, n: usize, weights: &[f64; BRICK_EDGE]) -> [f64; BRICK_EDGE] {
+        let bits = self.voxels[n / BRICK_EDGE] >> (BRICK_EDGE * (n % BRICK_EDGE));
+        let mut left = [0.0; BRICK_EDGE];
+        for x in 0..BRICK_EDGE {
+            left[x] = if bits >> x & 1 == 1 { weights[x] } else { 0.0 };
+        }
+        left
+    }
+}
+
+/// `weights` of a row of voxels as walls leave them.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
 pub(crate) fn faded_row(
-    n: usize,
     weights: &[f64; BRICK_EDGE],
     distances: &[f32; BRICK_EDGE],
     inverse_soft: f64,
-    seen: &Seen,
 ) -> [f64; BRICK_EDGE] {
-    let bits = seen[n / BRICK_EDGE] >> (BRICK_EDGE * (n % BRICK_EDGE));
     let mut left = [0.0; BRICK_EDGE];
     for x in 0..BRICK_EDGE {
-        let kept = weights[x] * fade(f64::from(distances[x]) * inverse_soft);
-        left[x] = if bits >> x & 1 == 1 { kept } else { 0.0 };
+        left[x] = weights[x] * fade(f64::from(distances[x]) * inverse_soft);
     }
     left
 }
@@ -324,18 +384,25 @@ mod tests {
                 let t = f64::from(i);
                 let place = DVec3::new((t * 0.618).fract() * 9.0 - 1.0, (t * 0.37).sin() * 9.0, (t * 0.71).cos() * 9.0);
                 let from = sight.sound(place);
-                let mut seen = [Seen::default()];
+                let (mut seen, mut sums) = ([Seen::default()], [0.0; BRICK_EDGE]);
                 if from.distance >= 0.0 {
                     for (n, row) in rows.iter().enumerate() {
-                        let row = row.map(f64::from);
-                        lines.add_row(from, DVec3::ZERO, n, [&[1.0; BRICK_EDGE], &row], 0, &mut seen[0]);
+                        let weights = row.map(|distance| if distance > 0.0 { 1.0 } else { 0.0 });
+                        lines.add_row(from, DVec3::ZERO, n, &weights, row, 0, &mut seen[0], &mut sums);
                     }
                     sight.follow(&mut lines, &mut seen);
                 }
+                let weight = seen[0].weight + sums.iter().sum::<f64>();
+                let count: u32 = seen[0].voxels.iter().map(|layer| layer.count_ones()).sum();
+                assert_eq!(weight, f64::from(count));
                 for (number, &distance) in distances.iter().enumerate() {
                     let to = Sounding { place: local_voxel(number).as_dvec3(), distance: f64::from(distance) };
                     let is_clear = from.distance >= 0.0 && distance > 0.0 && sight.is_clear(from, to);
-                    assert_eq!(seen[0][number / LAYER] >> (number % LAYER) & 1 == 1, is_clear, "{place} to {number}");
+                    assert_eq!(
+                        seen[0].voxels[number / LAYER] >> (number % LAYER) & 1 == 1,
+                        is_clear,
+                        "{place} to {number}"
+                    );
                     found[usize::from(is_clear)] += 1;
                 }
             }

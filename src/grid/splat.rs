@@ -8,10 +8,10 @@
 //! is left, so that mass is conserved: a first pass over the bricks finds the share of each particle that walls leave,
 //! and the second divides by it.
 
-use crate::grid::kernel::{Kernel, touches};
+use crate::grid::kernel::Kernel;
 use crate::grid::means::MeanGrid;
-use crate::grid::soft::{BrickDistances, SHARE_MIN, Sight, SplatMass, gain};
-use crate::grid::walls::{BrickPairs, SeenPieces, Walls};
+use crate::grid::soft::{BrickDistances, SHARE_MIN, Seen, Sight, SplatMass, gain};
+use crate::grid::walls::{BrickPairs, SeenPieces, Walls, piece_of};
 use crate::grid::{BRICK_EDGE, BRICK_VOXELS, BrickValues, DensityGrid, GridError, MAX_COORDINATE, check_memory};
 use crate::math::lanes::{self, Batch, run_kernel};
 use crate::math::parallel;
@@ -19,7 +19,7 @@ use glam::{DVec3, IVec3, U64Vec3, UVec3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::grid::streak::{Extent, Streaks, WAY_BYTES, Way, Ways};
+use crate::grid::streak::{Extent, PIECE_BYTES, Piece, Pieces, Streaks};
 pub use crate::grid::streak::{MAX_PIECES, SplatInput};
 
 /// Most particles of a batch.
@@ -31,10 +31,10 @@ const FIRST_BATCH: usize = 1 << 17;
 const BATCH_TOUCHES: u64 = 3 << 19;
 /// The same near obstacles, where pairs take more memory.
 const BATCH_TOUCHES_SOFT: u64 = 1 << 20;
-/// Memory of a pair while pairs are sorted, with what is known of its piece [bytes].
-const TOUCH_BYTES: u64 = 2 * size_of::<u64>() as u64 + WAY_BYTES;
+/// Memory of a pair while pairs are sorted [bytes].
+const TOUCH_BYTES: u64 = 2 * size_of::<u64>() as u64;
 /// The same of one near obstacles: what is seen, and shares as they are found and as they are collected.
-const TOUCH_BYTES_SOFT: u64 = TOUCH_BYTES + 64 + 48;
+const TOUCH_BYTES_SOFT: u64 = TOUCH_BYTES + size_of::<Seen>() as u64 + 48;
 /// Memory of a quantity that is carried in a brick: its sums, its means, and both as they are written to a file [bytes].
 const CARRIED_BYTES: usize = BRICK_VOXELS * (8 + 4 + 4 + 4);
 
@@ -160,15 +160,14 @@ impl SplatSum {
     ) -> Result<(), GridError> {
         let all = self.extent.map_or(extent, |e| e.union(extent));
         let touch_bytes = if sight.is_some() { TOUCH_BYTES_SOFT } else { TOUCH_BYTES };
-        let batch_bytes = extent.touches.saturating_mul(touch_bytes);
+        let batch_bytes = extent.touches.saturating_mul(touch_bytes).saturating_add(extent.pieces * PIECE_BYTES);
         self.check_memory(all, self.bricks.len(), batch_bytes)?;
         let dims = (extent.high - extent.low + 1).as_uvec3();
-        let ways = Ways::new(streaks, &range);
-        let pairs = sorted_pairs(&ways, extent.low, dims);
+        let mut pieces = Pieces::new(streaks, &range);
+        let pairs = sorted_pairs(&pieces, extent.low, dims);
         let coord = |pair: u64| extent.low + place_to_brick((pair >> 32) as u32, dims).as_ivec3();
         let groups = pairs.chunk_by(|a, b| a >> 32 == b >> 32);
-        let pairs: Vec<BrickPairs> =
-            groups.map(|pairs| BrickPairs { brick: coord(pairs[0]), first: range.start, pairs }).collect();
+        let pairs: Vec<BrickPairs> = groups.map(|pairs| BrickPairs { brick: coord(pairs[0]), pairs }).collect();
         let new_count = pairs.iter().filter(|b| !self.bricks.contains_key(&brick_key(b.brick))).count();
         self.check_memory(all, self.bricks.len() + new_count, batch_bytes)?;
         self.extent = Some(all);
@@ -179,13 +178,13 @@ impl SplatSum {
         let walls = sight.map(|sight| {
             let mut distances: Vec<&mut Option<Box<BrickDistances>>> =
                 sums.iter_mut().map(|sum| &mut sum.distances).collect();
-            Walls::measure(&ways, sight, &pairs, &mut distances)
+            Walls::measure(&mut pieces, sight, &pairs, &mut distances)
         });
         parallel::for_each_mut(&mut sums, |n, sum| {
             let BrickSum { values, carried, distances } = &mut **sum;
             let walls = walls.as_ref().zip(distances.as_deref());
             let seen = walls.map(|(walls, distances)| walls.of_brick(n, distances));
-            run_kernel(AddBrick { ways: &ways, pairs: &pairs[n], seen, values, carried });
+            run_kernel(AddBrick { pieces: &pieces, pairs: &pairs[n], seen, values, carried });
         });
         for (pairs, sum) in pairs.iter().zip(sums) {
             self.bricks.insert(brick_key(pairs.brick), sum);
@@ -229,7 +228,7 @@ impl SplatSum {
         for i in range {
             let m = streaks.mass(i);
             self.mass.particles += m;
-            let Some(share) = walls.and_then(|walls| walls.kept(i)) else { continue };
+            let Some(share) = walls.map(|walls| walls.kept(i)) else { continue };
             // Less is the rounding of weights.
             if share < 1.0 - 1e-6 {
                 self.mass.faded += m * (1.0 - share);
@@ -271,12 +270,10 @@ fn fitting(count: usize, touches: u64, most: u64) -> usize {
     (count as f64 * 0.9 * most as f64 / touches.max(1) as f64).clamp(1.0, BATCH as f64) as usize
 }
 
-/// Place of the brick in the box (upper half) and particle, counted from the first of the range (lower half), of every pair, in
-/// order.
-fn sorted_pairs(ways: &Ways, low: IVec3, dims: UVec3) -> Vec<u64> {
-    let range = ways.range();
-    let mut pairs: Vec<u64> = parallel::gather(range.len(), |n, pairs| {
-        ways.for_each_brick(range.start + n, |brick| {
+/// Place of the brick in the box (upper half) and number of the piece (lower half) of every pair, in order.
+fn sorted_pairs(pieces: &Pieces, low: IVec3, dims: UVec3) -> Vec<u64> {
+    let mut pairs: Vec<u64> = parallel::gather(pieces.all().len(), |n, pairs| {
+        pieces.all()[n].for_each_brick(|brick| {
             let p = (brick - low).as_uvec3();
             let place = (p.z * dims.y + p.y) * dims.x + p.x;
             pairs.push(u64::from(place) << 32 | n as u64);
@@ -311,7 +308,7 @@ fn brick_of(key: u64) -> IVec3 {
 
 /// Adds its pairs to a brick in their order.
 struct AddBrick<'a> {
-    ways: &'a Ways<'a>,
+    pieces: &'a Pieces<'a>,
     pairs: &'a BrickPairs<'a>,
     /// What particles near walls see of the brick, if there are any.
     seen: Option<SeenPieces<'a>>,
@@ -324,34 +321,30 @@ impl lanes::Kernel for AddBrick<'_> {
 
     // For the instruction set alone: voxels of a row are added side by side by the compiler.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "an iterator's methods are not certain to be inlined")]
     fn run<L: Batch>(mut self, _: L) {
-        let (brick, streaks) = (self.pairs.brick, self.ways.streaks());
-        let mut kernel = Kernel::zeroed();
-        for &pair in self.pairs.pairs {
-            let i = self.pairs.particle(pair);
-            let (Way { radius, density, .. }, centers) = self.ways.of(i);
-            let seen = self.seen.as_mut().and_then(|seen| Some((seen.share(i)?, seen)));
-            if let Some((share, seen)) = seen {
-                let amount = density * gain(share) / centers.len() as f64;
-                for &center in centers {
-                    if touches(center, radius, brick) {
-                        kernel.place(center, radius);
-                        let Some(piece) = seen.next() else { continue };
-                        seen.add(piece, &kernel, radius, brick, amount, self.values);
-                        for (values, value) in self.carried.iter_mut().zip(streaks.carried(i)) {
-                            seen.add(piece, &kernel, radius, brick, amount * value, values);
-                        }
-                    }
-                }
-                continue;
+        /// Pieces that are fetched before the first of them is added, so that the memory is asked for all at once.
+        const TOGETHER: usize = 32;
+        let (brick, streaks, first) = (self.pairs.brick, self.pieces.streaks(), self.pieces.range().start);
+        let mut fetched = [Piece::default(); TOGETHER];
+        for pairs in self.pairs.pairs.chunks(TOGETHER) {
+            for n in 0..pairs.len() {
+                fetched[n] = self.pieces.all()[piece_of(pairs[n])];
             }
-            let amount = density / centers.len() as f64;
-            for &center in centers {
-                if touches(center, radius, brick) {
-                    kernel.place(center, radius);
-                    kernel.add_to(self.values, brick, amount);
-                    for (values, value) in self.carried.iter_mut().zip(streaks.carried(i)) {
-                        kernel.add_to(values, brick, amount * value);
+            for piece in &fetched[..pairs.len()] {
+                let kernel = Kernel::within(brick, piece.center, piece.radius);
+                let carried = self.carried.iter_mut().zip(streaks.carried(first + piece.particle as usize));
+                let near = if piece.wall < f64::INFINITY { self.seen.as_mut() } else { None };
+                if let Some(seen) = near {
+                    let Some(voxels) = seen.next() else { continue };
+                    seen.add(voxels, &kernel, piece.radius, piece.amount, self.values);
+                    for (values, value) in carried {
+                        seen.add(voxels, &kernel, piece.radius, piece.amount * value, values);
+                    }
+                } else {
+                    kernel.add_to(self.values, piece.amount);
+                    for (values, value) in carried {
+                        kernel.add_to(values, piece.amount * value);
                     }
                 }
             }

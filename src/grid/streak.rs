@@ -1,6 +1,6 @@
 //! Particles as the splatter sees them: kernels in a row along the way that each goes while the shutter is open.
 
-use crate::grid::kernel::{MAX_RADIUS, MAX_WIDTH, MIN_RADIUS, reach};
+use crate::grid::kernel::{MAX_RADIUS, MAX_WIDTH, MIN_RADIUS, normalisation, reach};
 use crate::grid::soft::ObstacleDistance;
 use crate::grid::{GridError, MAX_COORDINATE};
 use crate::math::parallel;
@@ -211,15 +211,15 @@ impl<'a> Streaks<'a> {
         Self::vector(&self.input.position, i) * self.inverse_voxel_size - 0.5
     }
 
-    /// Middle of the streak of particle `i`, whose pieces are at `centers`, and how far from there it reaches.
-    pub fn middle(&self, i: usize, centers: &[DVec3]) -> (DVec3, f64) {
+    /// Middle of the streak of particle `i`, which consists of `pieces`, and how far from there it reaches.
+    pub fn middle(&self, i: usize, pieces: &[Piece]) -> (DVec3, f64) {
         let [open, close] = self.shutter;
         let middle = self.position(i, 0.5 * (open + close)) * self.inverse_voxel_size - 0.5;
         if self.input.bends.is_none() {
             let length = self.velocity(i, 0.0).length() * (close - open).abs();
             return (middle, 0.5 * length * self.inverse_voxel_size);
         }
-        (middle, centers.iter().map(|center| center.distance(middle)).fold(0.0, f64::max))
+        (middle, pieces.iter().map(|piece| piece.center.distance(middle)).fold(0.0, f64::max))
     }
 
     /// The centres of the pieces of particle `i`; none for one that weighs nothing.
@@ -234,7 +234,7 @@ impl<'a> Streaks<'a> {
             let radius = self.radius(i);
             let of_piece = |center: DVec3| {
                 let (low, high) = brick_range(center, radius);
-                Extent { low, high, touches: (high - low + 1).as_u64vec3().element_product() }
+                Extent { low, high, pieces: 1, touches: (high - low + 1).as_u64vec3().element_product() }
             };
             self.centers(i).map(of_piece).reduce(Extent::union)
         };
@@ -249,49 +249,57 @@ fn brick_range(center: DVec3, radius: f64) -> (IVec3, IVec3) {
     (low >> 3, high >> 3)
 }
 
-/// Where the pieces of the particles of a batch are, and what they weigh: each is asked for by every brick that it reaches, and
-/// what it is made of lies in a dozen arrays.
-pub(crate) struct Ways<'a> {
+/// The pieces of the particles of a batch: each is asked for by every brick that it reaches, and what it is made of lies in a dozen
+/// arrays.
+pub(crate) struct Pieces<'a> {
     streaks: &'a Streaks<'a>,
     /// Number of the first particle.
     first: usize,
-    ways: Vec<Way>,
-    centers: Vec<DVec3>,
+    /// Where the pieces of each particle begin, and where those of the last one end.
+    starts: Vec<u32>,
+    pieces: Vec<Piece>,
 }
 
-/// What all pieces of a particle have in common.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Way {
+/// One kernel of a streak: a line of the cache, since bricks find them in no order.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(align(64))]
+pub(crate) struct Piece {
+    /// Where it is [voxels].
+    pub center: DVec3,
     /// Of the kernel [voxels].
     pub radius: f64,
-    /// Sum of the densities of the voxels that all pieces make.
-    pub density: f64,
-    /// Where its pieces begin among all centres, and how many there are.
-    first_piece: u32,
-    piece_count: u32,
+    /// What its weights are multiplied by, so that they add up to the densities of the voxels that it makes.
+    pub amount: f64,
+    /// Distance of its centre to the nearest wall [voxels]; infinite where no wall is near, negative behind one.
+    pub wall: f64,
+    /// Particle, counted from the first of the batch.
+    pub particle: u32,
 }
 
-/// Most memory of a piece and of a particle in [`Ways`] while they are collected [bytes].
-pub(crate) const WAY_BYTES: u64 = (2 * size_of::<DVec3>() + size_of::<Way>()) as u64;
+/// Most memory of a piece in [`Pieces`] while they are collected [bytes].
+pub(crate) const PIECE_BYTES: u64 = 2 * size_of::<Piece>() as u64;
 
-impl<'a> Ways<'a> {
-    /// Those of the particles of `range`.
+impl<'a> Pieces<'a> {
+    /// Those of the particles of `range`, far from walls.
     pub fn new(streaks: &'a Streaks<'a>, range: &Range<usize>) -> Self {
-        let mut ways = parallel::map(range.len(), |n| {
+        let mut starts = parallel::map(range.len() + 1, |n| {
             let i = range.start + n;
-            let piece_count = if streaks.has_mass(i) { streaks.piece_count(i) } else { 0 };
-            Way { radius: streaks.radius(i), density: streaks.density(i), first_piece: 0, piece_count }
+            if n < range.len() && streaks.has_mass(i) { streaks.piece_count(i) } else { 0 }
         });
         let mut next = 0;
-        for way in &mut ways {
-            way.first_piece = next;
-            next += way.piece_count;
+        for start in &mut starts {
+            next += std::mem::replace(start, next);
         }
-        let centers = parallel::gather(range.len(), |n, centers| {
-            let count = ways[n].piece_count;
-            centers.extend((0..count).map(|k| streaks.center(range.start + n, k, count)));
+        let pieces = parallel::gather(range.len(), |n, pieces| {
+            let (i, count) = (range.start + n, starts[n + 1] - starts[n]);
+            let (radius, density) = (streaks.radius(i), streaks.density(i) / f64::from(count));
+            pieces.extend((0..count).map(|k| {
+                let center = streaks.center(i, k, count);
+                let amount = density * normalisation(center, radius);
+                Piece { center, radius, amount, wall: f64::INFINITY, particle: n as u32 }
+            }));
         });
-        Self { streaks, first: range.start, ways, centers }
+        Self { streaks, first: range.start, starts, pieces }
     }
 
     /// The particles themselves.
@@ -301,43 +309,37 @@ impl<'a> Ways<'a> {
 
     /// Numbers of the particles.
     pub fn range(&self) -> Range<usize> {
-        self.first..self.first + self.ways.len()
+        self.first..self.first + self.starts.len() - 1
     }
 
-    /// What the pieces of particle `i` have in common, and their centres; none for one that weighs nothing.
+    /// All of them, in the order of particles.
     #[inline(always)]
-    pub fn of(&self, i: usize) -> (Way, &[DVec3]) {
-        let way = self.ways[i - self.first];
-        (way, &self.centers[way.first_piece as usize..][..way.piece_count as usize])
+    pub fn all(&self) -> &[Piece] {
+        &self.pieces
     }
 
-    /// Calls `visit` once for each brick that particle `i` reaches.
-    pub fn for_each_brick(&self, i: usize, mut visit: impl FnMut(IVec3)) {
-        let (Way { radius, .. }, centers) = self.of(i);
-        let mut last = (IVec3::ONE, IVec3::ZERO);
-        for (piece, &center) in centers.iter().enumerate() {
-            let (low, high) = brick_range(center, radius);
-            // A straight streak reached by an earlier piece and by this one was reached by the piece between them too, so that
-            // comparing with the last piece is enough. One that bends may come back.
-            if (low, high) == last {
-                continue;
-            }
-            let before = if self.streaks.input.bends.is_some() { 0 } else { piece.saturating_sub(1) };
-            for z in low.z..=high.z {
-                for y in low.y..=high.y {
-                    for x in low.x..=high.x {
-                        let brick = IVec3::new(x, y, z);
-                        let holds = |&(low, high): &(IVec3, IVec3)| brick.cmpge(low).all() && brick.cmple(high).all();
-                        let is_new = !holds(&last)
-                            && (piece - before < 2
-                                || !centers[..piece - 1].iter().any(|&center| holds(&brick_range(center, radius))));
-                        if is_new {
-                            visit(brick);
-                        }
-                    }
+    /// As [`Pieces::all`].
+    pub fn all_mut(&mut self) -> &mut [Piece] {
+        &mut self.pieces
+    }
+
+    /// Those of particle `i`; none of one that weighs nothing.
+    pub fn of(&self, i: usize) -> &[Piece] {
+        let n = i - self.first;
+        &self.pieces[self.starts[n] as usize..self.starts[n + 1] as usize]
+    }
+}
+
+impl Piece {
+    /// Calls `visit` with each brick that it reaches.
+    pub fn for_each_brick(&self, mut visit: impl FnMut(IVec3)) {
+        let (low, high) = brick_range(self.center, self.radius);
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                for x in low.x..=high.x {
+                    visit(IVec3::new(x, y, z));
                 }
             }
-            last = (low, high);
         }
     }
 }
@@ -349,7 +351,9 @@ pub(crate) struct Extent {
     pub low: IVec3,
     /// Last brick along each axis.
     pub high: IVec3,
-    /// Pairs of a piece of a particle and a brick that it reaches.
+    /// Pieces of particles.
+    pub pieces: u64,
+    /// Pairs of a piece and a brick that it reaches.
     pub touches: u64,
 }
 
@@ -358,6 +362,7 @@ impl Extent {
         Self {
             low: self.low.min(other.low),
             high: self.high.max(other.high),
+            pieces: self.pieces.saturating_add(other.pieces),
             touches: self.touches.saturating_add(other.touches),
         }
     }
@@ -368,41 +373,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_brick_of_a_streak_is_listed_once() {
-        let (position, velocity) = ([[0.3f32], [0.7], [-0.2]], [[100.0f32], [-31.0], [7.7]]);
+    fn pieces_are_where_the_particle_goes_and_weigh_what_it_weighs() {
+        let (position, velocity) = ([[0.3f32; 3], [0.7; 3], [-0.2; 3]], [[0.0f32, 100.0, 100.0], [-31.0; 3], [7.7; 3]]);
         let input = SplatInput {
             position: [&position[0], &position[1], &position[2]],
             velocity: [&velocity[0], &velocity[1], &velocity[2]],
             bends: None,
-            mass: &[1.0],
-            radius: &[2.5],
+            mass: &[1.0, 0.0, 3.0],
+            radius: &[2.5; 3],
             carried: &[],
             obstacles: None,
         };
         // Straight, and round a bend and back.
-        let bends = [[&[-30.0f32][..], &[90.0], &[0.0]], [&[-1900.0], &[-20.0], &[-70.0]]];
+        let bends = [[&[-30.0f32; 3][..], &[90.0; 3], &[0.0; 3]], [&[-1900.0; 3], &[-20.0; 3], &[-70.0; 3]]];
         for input in [input, SplatInput { bends: Some(bends), ..input }] {
-            check_that_bricks_are_listed_once(&input);
+            let streaks = Streaks::try_new(&input, 1.0, [-0.5, 0.5], 0).unwrap();
+            let pieces = Pieces::new(&streaks, &(0..3));
+            assert_eq!([0, 1].map(|i| pieces.of(i).len() as u32), [streaks.piece_count(0), 0]);
+            let of_last = pieces.of(2);
+            assert!(of_last.len() >= 80);
+            for pair in of_last.windows(2) {
+                let step = pair[0].center.distance(pair[1].center);
+                assert!(step > 0.0 && step <= 0.51 * pair[0].radius, "{step}");
+            }
+            let density: f64 = of_last.iter().map(|p| p.amount / normalisation(p.center, p.radius)).sum();
+            assert!((density - 3.0).abs() < 1e-12);
+            let mut touches = 0;
+            pieces.all().iter().for_each(|piece| piece.for_each_brick(|_| touches += 1));
+            let extent = streaks.extent(0..3).unwrap();
+            assert_eq!((extent.pieces, extent.touches), (pieces.all().len() as u64, touches));
         }
-    }
-
-    fn check_that_bricks_are_listed_once(input: &SplatInput) {
-        let streaks = Streaks::try_new(input, 1.0, [-0.5, 0.5], 0).unwrap();
-        let ways = Ways::new(&streaks, &(0..1));
-        let mut listed = Vec::new();
-        ways.for_each_brick(0, |b| listed.push(b.to_array()));
-        let mut expected: Vec<[i32; 3]> = streaks
-            .centers(0)
-            .map(|center| brick_range(center, streaks.radius(0)))
-            .flat_map(|(a, b)| {
-                (a.x..=b.x).flat_map(move |x| (a.y..=b.y).flat_map(move |y| (a.z..=b.z).map(move |z| [x, y, z])))
-            })
-            .collect();
-        assert_eq!(streaks.extent(0..1).unwrap().touches, expected.len() as u64);
-        expected.sort_unstable();
-        expected.dedup();
-        listed.sort_unstable();
-        assert_eq!(listed, expected);
-        assert!(streaks.piece_count(0) >= 80);
     }
 }
