@@ -2,7 +2,7 @@
 
 use crate::grid::{DensityGrid, STORED_EDGE};
 use crate::math::space::{IndexPoint, UnitVec3, WorldPoint};
-use glam::{Vec3, Vec4};
+use glam::{Vec3, Vec3A, Vec4};
 
 /// A ray in the index space of a grid. The parameter `t` is that of the ray in world space [m].
 #[derive(Debug, Clone, Copy)]
@@ -43,7 +43,12 @@ impl Samples {
     /// The trilinear density at a point of the cube; beyond it, what the same polynomial says.
     #[inline]
     pub fn density(&self, p: IndexPoint) -> f32 {
-        let at = p.0 - self.low;
+        self.within((p.0 - self.low).into())
+    }
+
+    /// The same at a point relative to the cube's low corner.
+    #[inline(always)]
+    pub fn within(&self, at: Vec3A) -> f32 {
         let rows = self.near + (self.far - self.near) * at.z;
         let (low, high) = (rows.x + (rows.z - rows.x) * at.y, rows.y + (rows.w - rows.y) * at.y);
         low + (high - low) * at.x
@@ -89,7 +94,24 @@ impl DensityGrid {
             return None;
         }
         // Not negative, so truncation is the floor.
-        let cell = [p.x as i32 as usize, p.y as i32 as usize, p.z as i32 as usize];
+        self.samples_at([p.x as i32 as usize, p.y as i32 as usize, p.z as i32 as usize])
+    }
+
+    /// The eight samples of the cube whose low corner has these whole numbers for index coordinates; `None` outside.
+    #[inline(always)]
+    pub fn samples_from(&self, corner: Vec3A) -> Option<Samples> {
+        if !(corner.cmpge(Vec3A::ZERO).all() && corner.cmplt(self.extent.into()).all()) {
+            return None;
+        }
+        // A whole number below 2^23 is in the last bits of its sum with it.
+        const ONES: f32 = 8_388_608.0;
+        let whole = |x: f32| (x.to_bits() & 0x007f_ffff) as usize;
+        let shifted = corner + ONES;
+        self.samples_at([whole(shifted.x), whole(shifted.y), whole(shifted.z)])
+    }
+
+    #[inline(always)]
+    fn samples_at(&self, cell: [usize; 3]) -> Option<Samples> {
         let dims = self.directory.dims();
         let place = ((cell[2] >> 3) * dims.y as usize + (cell[1] >> 3)) * dims.x as usize + (cell[0] >> 3);
         let brick_idx = *self.directory.values().get(place)?;

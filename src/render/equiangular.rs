@@ -8,7 +8,7 @@
 //! depth along a ray is integrated exactly, see `dense.rs`.
 
 use crate::geometry::embree::Ray;
-use crate::render::dense;
+use crate::render::dense::Columns;
 use crate::render::light::Light;
 use crate::render::media::Media;
 use crate::render::medium::Medium;
@@ -161,11 +161,10 @@ pub fn flight_density(medium: &Medium, ray: &Ray, t: f32) -> f32 {
 /// Optical depth from the ray's origin to distance `t` [m], of the channel of largest extinction; not all of it where that is
 /// so large that nothing comes through.
 pub fn optical_depth(medium: &Medium, ray: &Ray, t: f32) -> f64 {
-    let line = medium.ray_to_index(ray);
+    let columns = Columns::new(medium.grid(), &medium.ray_to_index(ray));
     let mut tau = 0.0;
     for piece in medium.majorants(ray, t).filter(|piece| piece.density_max > 0.0) {
-        tau +=
-            f64::from(medium.extinction()) * dense::column(medium.grid(), &line, [piece.t0, piece.t1].map(f64::from));
+        tau += f64::from(medium.extinction() * columns.between(piece.t0, piece.t1));
         if tau > OPAQUE {
             break;
         }
@@ -253,7 +252,7 @@ mod tests {
                 * 3.0
                 / N as f64;
             let line = medium.ray_to_index(&ray());
-            let tau = f64::from(extinction) * dense::column(medium.grid(), &line, [0.0, 10.0]);
+            let tau = f64::from(extinction) * f64::from(Columns::new(medium.grid(), &line).between(0.0, 10.0));
             assert!(
                 (sum / (1.0 - (-tau).exp()) - 1.0).abs() < 2e-2 * (1.0 + f64::from(extinction) / 300.0),
                 "{extinction}: {sum} {tau}"

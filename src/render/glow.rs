@@ -11,7 +11,7 @@ use crate::geometry::embree::Ray;
 use crate::grid::DensityGrid;
 use crate::grid::majorant::MajorantIterator;
 use crate::render::color::Rgb;
-use crate::render::dense;
+use crate::render::dense::{self, Columns};
 use crate::render::detail::Detail;
 use crate::render::medium::Medium;
 use crate::render::sampler::Stream;
@@ -49,7 +49,8 @@ fn column(medium: &Medium, grid: &DensityGrid, ray: &Ray, end: f32) -> f32 {
 fn sum_over(pieces: MajorantIterator, grid: &DensityGrid, ray: &Ray) -> f32 {
     let line = grid.ray_to_index(ray.origin, ray.direction);
     let pieces = pieces.filter(|piece| piece.density_max > 0.0);
-    pieces.map(|piece| dense::column(grid, &line, [piece.t0, piece.t1].map(f64::from))).sum::<f64>() as f32
+    let columns = Columns::new(grid, &line);
+    pieces.map(|piece| columns.between(piece.t0, piece.t1)).sum()
 }
 
 /// As [`collected`], with one random point for each voxel.
