@@ -1,10 +1,11 @@
 //! Soft particles: kernels fade towards obstacles, never reach through them, and every gram is accounted for.
 
 use curlsmoke::grid::soft::ObstacleDistance;
-use curlsmoke::grid::splat::{Splat, SplatInput, SplatSettings, splat};
+use curlsmoke::grid::splat::{Splat, SplatInput, SplatSettings, SplatSum, splat};
 use curlsmoke::grid::{DensityGrid, local_voxel};
 use curlsmoke::math::hash::{CounterRng, Seed};
 use glam::{DVec3, IVec3};
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 const VOXEL: f32 = 0.02;
@@ -71,27 +72,34 @@ impl Cloud {
     }
 
     fn splat(&self, obstacles: Option<&dyn ObstacleDistance>, soft_radius: Option<f64>) -> Splat {
-        let input = SplatInput {
-            position: self.position.each_ref().map(Vec::as_slice),
-            velocity: self.velocity.each_ref().map(Vec::as_slice),
+        splat(&self.input(0..self.mass.len(), &[], obstacles), &settings(soft_radius)).expect("in range")
+    }
+
+    fn input<'a>(
+        &'a self,
+        range: Range<usize>,
+        carried: &'a [&'a [f32]],
+        obstacles: Option<&'a dyn ObstacleDistance>,
+    ) -> SplatInput<'a> {
+        let part = |values: &'a Vec<f32>| &values[range.clone()];
+        SplatInput {
+            position: self.position.each_ref().map(part),
+            velocity: self.velocity.each_ref().map(part),
             bends: None,
-            mass: &self.mass,
-            radius: &self.radius,
-            carried: &[],
+            mass: part(&self.mass),
+            radius: part(&self.radius),
+            carried,
             obstacles,
-        };
-        let settings = SplatSettings {
-            voxel_size: VOXEL,
-            shutter_seconds: [-0.01, 0.01],
-            soft_radius,
-            memory_limit_bytes: 1 << 29,
-        };
-        splat(&input, &settings).expect("in range")
+        }
     }
 
     fn total_mass(&self) -> f64 {
         self.mass.iter().map(|&m| f64::from(m)).sum()
     }
+}
+
+fn settings(soft_radius: Option<f64>) -> SplatSettings {
+    SplatSettings { voxel_size: VOXEL, shutter_seconds: [-0.01, 0.01], soft_radius, memory_limit_bytes: 1 << 29 }
 }
 
 /// Centres [m] and densities of all voxels that hold some.
@@ -185,6 +193,37 @@ fn a_particle_fades_towards_the_wall_voxel_by_voxel() {
     assert_eq!(ratios[0], 0.0, "below the ground: {ratios:?}");
     assert!(ratios.windows(2).take(5).all(|w| w[0] < w[1]), "{ratios:?}");
     assert!(ratios[9] > 1.0 && (ratios[9] - ratios[8]).abs() < 1e-4, "beyond the soft radius all alike: {ratios:?}");
+}
+
+#[test]
+fn particles_near_walls_added_some_at_a_time_are_the_same_bits() {
+    // Several batches.
+    const COUNT: usize = 60_000;
+    let ball = Solid::Ball { center: DVec3::new(0.1, 0.0, 0.0), radius: 0.3 };
+    let mut cloud = Cloud::new(COUNT, 0.5, 0.06, 4.0, |_| true);
+    // In between some that weigh nothing, so that pieces and particles are numbered apart.
+    cloud.mass.iter_mut().step_by(7).for_each(|mass| *mass = 0.0);
+    // What is carried everywhere alike is its own mean.
+    let (alike, place) = (vec![2.5f32; COUNT], cloud.position[1].clone());
+    let bent: [Vec<f32>; 2] = [cloud.velocity[0].clone(), cloud.velocity[2].iter().map(|v| 300.0 * v).collect()];
+    let splat_in = |size: usize| {
+        let mut sum = SplatSum::try_new(settings(None)).expect("a size");
+        for start in (0..COUNT).step_by(size) {
+            let range = start..COUNT.min(start + size);
+            let carried = [&alike[range.clone()], &place[range.clone()]];
+            let bends = bent.each_ref().map(|values| [&values[range.clone()]; 3]);
+            let input = cloud.input(range, &carried, Some(&ball));
+            sum.add(&SplatInput { bends: Some(bends), ..input }).expect("in range");
+        }
+        sum.finish().expect("within the limit")
+    };
+    let whole = splat_in(COUNT);
+    assert!(splat_in(17_777) == whole);
+    assert!(whole.mass.faded > 0.1 * whole.mass.particles, "walls take some: {:?}", whole.mass);
+    let relative = whole.grid.mass() / (whole.mass.particles - whole.mass.lost) - 1.0;
+    assert!(relative.abs() < 3e-7, "{relative:e}");
+    let [alike, place] = whole.means.carried_by(&whole.grid)[..] else { panic!("two quantities") };
+    assert!((alike / (2.5 * whole.grid.mass()) - 1.0).abs() < 1e-6 && place != alike, "{alike}");
 }
 
 #[test]

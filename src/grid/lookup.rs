@@ -97,7 +97,7 @@ impl DensityGrid {
         self.samples_at([p.x as i32 as usize, p.y as i32 as usize, p.z as i32 as usize])
     }
 
-    /// The eight samples of the cube whose low corner has these whole numbers for index coordinates; `None` outside.
+    /// The eight samples of the cube whose low corner has these whole numbers, below 2²³, for index coordinates; `None` outside.
     #[inline(always)]
     pub fn samples_from(&self, corner: Vec3A) -> Option<Samples> {
         if !(corner.cmpge(Vec3A::ZERO).all() && corner.cmplt(self.extent.into()).all()) {

@@ -15,7 +15,7 @@ const LAYER: usize = BRICK_EDGE * BRICK_EDGE;
 const _: () = assert!(LAYER == u64::BITS as usize);
 
 /// What a kernel sees of a brick.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Seen {
     /// A bit for each voxel, a word for each layer.
     voxels: [u64; BRICK_EDGE],
@@ -38,8 +38,8 @@ const ROUNDING: f64 = 1.0 / 1024.0;
 /// Where obstacles are.
 pub trait ObstacleDistance: Sync + std::fmt::Debug {
     /// Sets `distances` to the signed distance [m] of each of `points` [m] to the nearest obstacle, negative inside;
-    /// both slices have the same length. It is at most the true distance outside, or thin walls may be overlooked, and
-    /// a pure function of the point.
+    /// both slices have the same length. It is finite, at most the true distance outside, or thin walls may be overlooked,
+    /// and a pure function of the point.
     fn distances(&self, points: &[DVec3], distances: &mut [f64]);
 }
 
@@ -151,10 +151,11 @@ impl<'a> Sight<'a> {
         while let Some(gap) = gaps.pop() {
             if gap.start < gap.end {
                 let distance = self.sound(from.place + direction * gap.middle()).distance;
-                if distance < 0.0 {
+                if distance >= 0.0 {
+                    gaps.extend(gap.without_ball(distance));
+                } else {
                     return false;
                 }
-                gaps.extend(gap.without_ball(distance));
             }
         }
         true
@@ -192,8 +193,9 @@ impl Gap {
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
     lines: Vec<Line>,
+    /// What is yet to be asked about.
     gaps: Vec<Gap>,
-    next_gaps: Vec<Gap>,
+    asked: Vec<Gap>,
     points: Vec<DVec3>,
     metres: Vec<f64>,
 }
@@ -269,28 +271,36 @@ impl Lines {
 impl Sight<'_> {
     /// Follows all lines to their ends and notes those that get there in `seen`: as [`Sight::is_clear`] of each.
     pub fn follow(&self, lines: &mut Lines, seen: &mut [Seen]) {
-        let Lines { lines, gaps, next_gaps, points, metres } = lines;
+        /// Gaps that are asked about together: enough to fill lanes, few enough to stay in the cache. The last ones come first, so
+        /// that a line along a wall never has many.
+        const TOGETHER: usize = 1024;
+        let Lines { lines, gaps, asked, points, metres } = lines;
         loop {
-            gaps.retain(|gap| gap.start < gap.end && lines[gap.line as usize].is_clear);
-            if gaps.is_empty() {
+            asked.clear();
+            while asked.len() < TOGETHER
+                && let Some(gap) = gaps.pop()
+            {
+                if gap.start < gap.end && lines[gap.line as usize].is_clear {
+                    asked.push(gap);
+                }
+            }
+            if asked.is_empty() {
                 break;
             }
             points.clear();
-            points.extend(gaps.iter().map(|gap| {
+            points.extend(asked.iter().map(|gap| {
                 let line = &lines[gap.line as usize];
                 (line.from + line.direction * gap.middle() + 0.5) * self.voxel_size
             }));
             metres.resize(points.len(), 0.0);
             self.obstacles.distances(points, metres);
-            next_gaps.clear();
-            for (gap, metres) in gaps.iter().zip(&*metres) {
-                if *metres < 0.0 {
-                    lines[gap.line as usize].is_clear = false;
+            for (gap, &metres) in asked.iter().zip(&*metres) {
+                if metres >= 0.0 {
+                    gaps.extend(gap.without_ball(metres * self.inverse_voxel_size));
                 } else {
-                    next_gaps.extend(gap.without_ball(metres * self.inverse_voxel_size));
+                    lines[gap.line as usize].is_clear = false;
                 }
             }
-            std::mem::swap(gaps, next_gaps);
         }
         for line in lines.drain(..).filter(|line| line.is_clear) {
             let seen = &mut seen[line.slot];
@@ -408,6 +418,36 @@ mod tests {
             }
         }
         assert!(found.iter().all(|&n| n > 10_000), "{found:?}");
+    }
+
+    #[test]
+    fn gaps_close_whatever_the_distance_found() {
+        let gap = Gap { start: 3.0, end: 40.0, line: 0 };
+        for distance in [f64::INFINITY, 18.5, 7.0, 0.0, f64::NAN] {
+            let [before, after] = gap.without_ball(distance);
+            let left = (before.end - before.start).max(0.0) + (after.end - after.start).max(0.0);
+            let ball = if distance.is_nan() { LEAST_BALL } else { distance.max(LEAST_BALL) };
+            assert_eq!(left, (37.0 - 2.0 * ball).max(0.0));
+        }
+    }
+
+    #[test]
+    fn a_line_along_a_wall_asks_no_more_than_its_length_needs() {
+        #[derive(Debug)]
+        struct Floor(std::sync::atomic::AtomicUsize);
+        impl ObstacleDistance for Floor {
+            fn distances(&self, points: &[DVec3], distances: &mut [f64]) {
+                self.0.fetch_add(points.len(), std::sync::atomic::Ordering::Relaxed);
+                points.iter().zip(distances).for_each(|(p, d)| *d = p.y);
+            }
+        }
+        let floor = Floor(0.into());
+        let sight = Sight::new(&floor, 1.0, None);
+        // 1/50 of a voxel above it, a hundred voxels long.
+        let at = |x: f64| Sounding { place: DVec3::new(x, 0.02 - 0.5, 0.0), distance: 0.02 };
+        assert!(sight.is_clear(at(0.0), at(100.0)));
+        let asked = floor.0.load(std::sync::atomic::Ordering::Relaxed);
+        assert!((1200..=2500).contains(&asked), "{asked}");
     }
 
     #[test]

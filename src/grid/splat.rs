@@ -1,6 +1,6 @@
 //! Particles to voxels, with mass conserved and the same bits whatever the number of threads.
 //!
-//! Particles come in batches, and may be forgotten batch by batch. Of each batch every (brick, particle) pair is listed and the
+//! Particles come in batches, and may be forgotten batch by batch. Of each batch every (brick, piece) pair is listed and the
 //! list sorted; each brick is then summed by one task in the order of the particles. Nothing is added in an order that depends
 //! on scheduling or on where batches end.
 //!
@@ -33,8 +33,8 @@ const BATCH_TOUCHES: u64 = 3 << 19;
 const BATCH_TOUCHES_SOFT: u64 = 1 << 20;
 /// Memory of a pair while pairs are sorted [bytes].
 const TOUCH_BYTES: u64 = 2 * size_of::<u64>() as u64;
-/// The same of one near obstacles: what is seen, and shares as they are found and as they are collected.
-const TOUCH_BYTES_SOFT: u64 = TOUCH_BYTES + size_of::<Seen>() as u64 + 48;
+/// The same of one near obstacles: its piece, what is seen, and shares as they are found and as they are collected.
+const TOUCH_BYTES_SOFT: u64 = TOUCH_BYTES + (size_of::<Piece>() + size_of::<Seen>()) as u64 + 48;
 /// Memory of a quantity that is carried in a brick: its sums, its means, and both as they are written to a file [bytes].
 const CARRIED_BYTES: usize = BRICK_VOXELS * (8 + 4 + 4 + 4);
 
@@ -178,7 +178,7 @@ impl SplatSum {
         let walls = sight.map(|sight| {
             let mut distances: Vec<&mut Option<Box<BrickDistances>>> =
                 sums.iter_mut().map(|sum| &mut sum.distances).collect();
-            Walls::measure(&mut pieces, sight, &pairs, &mut distances)
+            Walls::apply(&mut pieces, sight, &pairs, &mut distances)
         });
         parallel::for_each_mut(&mut sums, |n, sum| {
             let BrickSum { values, carried, distances } = &mut **sum;
@@ -229,8 +229,8 @@ impl SplatSum {
             let m = streaks.mass(i);
             self.mass.particles += m;
             let Some(share) = walls.map(|walls| walls.kept(i)) else { continue };
-            // Less is the rounding of weights.
-            if share < 1.0 - 1e-6 {
+            // Less is rounding.
+            if share < 1.0 - 1e-12 {
                 self.mass.faded += m * (1.0 - share);
             }
             if share < SHARE_MIN {
@@ -336,7 +336,7 @@ impl lanes::Kernel for AddBrick<'_> {
                 let carried = self.carried.iter_mut().zip(streaks.carried(first + piece.particle as usize));
                 let near = if piece.wall < f64::INFINITY { self.seen.as_mut() } else { None };
                 if let Some(seen) = near {
-                    let Some(voxels) = seen.next() else { continue };
+                    let Some(voxels) = seen.next().filter(|voxels| voxels.weight > 0.0) else { continue };
                     seen.add(voxels, &kernel, piece.radius, piece.amount, self.values);
                     for (values, value) in carried {
                         seen.add(voxels, &kernel, piece.radius, piece.amount * value, values);

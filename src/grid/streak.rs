@@ -276,6 +276,8 @@ pub(crate) struct Piece {
     pub particle: u32,
 }
 
+const _: () = assert!(size_of::<Piece>() == 64);
+
 /// Most memory of a piece in [`Pieces`] while they are collected [bytes].
 pub(crate) const PIECE_BYTES: u64 = 2 * size_of::<Piece>() as u64;
 

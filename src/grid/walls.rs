@@ -38,7 +38,7 @@ pub(crate) struct Walls<'a> {
 impl<'a> Walls<'a> {
     /// What is left of the particles, found brick by brick and added up in the order of bricks. `pieces` get their distances to walls
     /// and the mass of what walls take away, `distances` those of bricks that a piece near a wall reaches.
-    pub fn measure(
+    pub fn apply(
         pieces: &mut Pieces,
         sight: &'a Sight<'a>,
         bricks: &[BrickPairs],
@@ -49,11 +49,12 @@ impl<'a> Walls<'a> {
         parallel::for_each_mut(pieces.all_mut(), |n, piece| piece.wall = sounded[n]);
         let measured = parallel::try_map(bricks.iter().zip(distances), |_, (b, distances)| {
             let piece = |&pair: &u64| &pieces.all()[piece_of(pair)];
-            let near: Vec<Piece> =
-                b.pairs.iter().map(piece).filter(|piece| piece.wall < f64::INFINITY).copied().collect();
-            if near.is_empty() {
+            let near_count = b.pairs.iter().map(piece).filter(|piece| piece.wall < f64::INFINITY).count();
+            if near_count == 0 {
                 return Ok::<_, std::convert::Infallible>((Vec::new(), Vec::new()));
             }
+            let mut near = Vec::with_capacity(near_count);
+            near.extend(b.pairs.iter().map(piece).filter(|piece| piece.wall < f64::INFINITY));
             let distances = distances.get_or_insert_with(|| sight.of_brick(b.brick));
             let seen = run_kernel(Look { sight, brick: b.brick, distances, near: &near });
             let left = near.iter().zip(&seen).map(|(piece, seen)| (piece.particle, piece.amount * seen.weight));
@@ -130,12 +131,12 @@ fn sound_together(pieces: &Pieces, sight: &Sight, range: Range<usize>, distances
     for (own, of_particle) in particles {
         for (found, (&place, distance)) in distances[of_particle].iter_mut().zip(&mut soundings) {
             let at = if place == own.place { own } else { Sounding { place, distance } };
-            *found = if sight.is_clear(own, at) { at.distance } else { BEHIND };
+            *found = if sight.is_clear(own, at) { at.distance.min(f64::MAX) } else { BEHIND };
         }
     }
 }
 
-/// Lines of sight that are followed together: enough to fill lanes, few enough to stay in the cache.
+/// Lines of sight that are followed together: enough to fill lanes.
 const LINES: usize = 1024;
 
 /// The first pass over one brick: what each piece near a wall sees of it.

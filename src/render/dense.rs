@@ -35,7 +35,8 @@ pub fn cross(medium: &Medium, line: &IndexRay, [t0, t1]: [f64; 2], tau_left: f64
     Crossing::Through(tau)
 }
 
-/// Sums of a grid's values along a ray, in single precision: each is worth a few hundred steps of a path and no more.
+/// Sums of a grid's values along a ray by the same rule, in single precision: what rounding changes is far below the noise of any
+/// light, and lanes take a third less time.
 pub struct Columns<'a> {
     grid: &'a DensityGrid,
     origin: Vec3A,
@@ -57,7 +58,8 @@ impl<'a> Columns<'a> {
         Self { grid, origin: line.origin().into(), direction, inverse: direction.recip(), is_forward }
     }
 
-    /// Of the piece between distances `t0` and `t1` [m], finite, the values added up along it [value · m].
+    /// Of the piece between distances `t0` and `t1` [m] the values added up along it [value · m], at least 0. The piece lies where the
+    /// grid's bounds are, give or take rounding.
     #[inline]
     pub fn between(&self, t0: f32, t1: f32) -> f32 {
         // Half the distance between the nodes of Gauss' rule over [−1, 1].
@@ -72,12 +74,14 @@ impl<'a> Columns<'a> {
             let exits = (voxel + to_far - origin) * inverse;
             let exit = exits.min_element();
             let end = if exit < t1 { exit } else { t1 };
-            let half = 0.5 * (end - t);
             // Rounding may put a face behind the last one.
-            if half > 0.0 {
+            if end > t {
                 if let Some(samples) = grid.samples_from(voxel) {
+                    let half = 0.5 * (end - t);
                     let (at, node) = (origin - voxel + direction * (t + half), direction * (half * NODE));
-                    sum += half * (samples.within(at - node) + samples.within(at + node));
+                    // From afar, places are rounded out of the voxel.
+                    let density = |at: Vec3A| samples.within(at.max(Vec3A::ZERO).min(Vec3A::ONE));
+                    sum += half * (density(at - node) + density(at + node));
                 }
                 t = end;
             }
@@ -307,6 +311,35 @@ mod tests {
                 assert!((before - 0.3 * tau).abs() < 1e-4 * (1.0 + tau), "{before} of {tau}");
             }
         }
+    }
+
+    #[test]
+    fn sums_from_afar_are_off_by_no_more_than_places_are_rounded() {
+        let medium = medium(10.0, lumps);
+        let mut rng = CounterRng::new(Seed(8));
+        // In voxels of 0.1 m.
+        for (distance, tolerance) in [(1e2f32, 1e-3), (1e3, 1e-2), (1e4, 0.1)] {
+            for _ in 0..200 {
+                let mut point = |scale: f32| Vec3::from([0; 3].map(|_| (rng.uniform() * 2.0 - 1.0) * scale));
+                let direction = UnitVec3::try_new(point(1.0)).unwrap();
+                let ray = Ray { origin: WorldPoint(point(0.5) - direction.as_vec3() * distance), direction };
+                let line = medium.ray_to_index(&ray);
+                let columns = Columns::new(medium.grid(), &line);
+                let (mut tau, mut expected) = (0.0, 0.0);
+                for piece in medium.majorants(&ray, f32::INFINITY) {
+                    tau += f64::from(medium.extinction() * columns.between(piece.t0, piece.t1));
+                    let range = [piece.t0, piece.t1].map(f64::from);
+                    let Crossing::Through(more) = cross(&medium, &line, range, f64::INFINITY) else { panic!() };
+                    expected += more;
+                }
+                assert!(tau >= 0.0 && (tau - expected).abs() < tolerance * (1.0 + expected), "{tau}, {expected}");
+            }
+        }
+        // Shorter than half of it can be told.
+        let ray = rays().next().unwrap();
+        let columns = Columns::new(medium.grid(), &medium.ray_to_index(&ray));
+        assert_eq!(columns.between(0.0, f32::from_bits(1)), 0.0);
+        assert_eq!(columns.between(f32::NAN, 1.0), 0.0);
     }
 
     #[test]
