@@ -25,6 +25,9 @@ pub(in crate::geometry) struct Plan {
     counts: DVec3,
 }
 
+/// Layers of the lattice that are filled by one task.
+const SLAB: usize = 8;
+
 /// No triangle known yet.
 const NONE: u32 = u32::MAX;
 
@@ -70,19 +73,21 @@ impl Plan {
     fn fill_band(&self, corners: &[[Vec3; 3]], samples: &mut Lattice<Sample>) {
         let (dims, band) = (self.dims(), BAND * self.spacing as f32);
         let slice = (dims.x * dims.y) as usize;
-        // Slabs of a few layers in parallel: each sees all triangles, in the same order.
-        let depth = (dims.z as usize).div_ceil(4 * parallel::thread_count()).max(4);
-        parallel::for_each(samples.values_mut().chunks_mut(slice * depth), |slab, values| {
-            let z0 = (slab * depth) as u32;
+        let boxes = parallel::map(corners.len(), |i| {
+            let bounds = Aabb::from_points(corners[i]).dilated(band);
+            let cell = |p: Vec3| (p.as_dvec3() - self.origin) / self.spacing;
+            let low = cell(bounds.min).ceil().max(DVec3::ZERO).as_uvec3();
+            (low, (cell(bounds.max).floor() + 1.0).max(DVec3::ZERO).as_uvec3().min(dims))
+        });
+        // Slabs in parallel, each of which sees all triangles in the same order. What is offered to samples beyond the band depends on
+        // how boxes are cut: slabs are the same on any number of threads.
+        parallel::for_each(samples.values_mut().chunks_mut(slice * SLAB), |slab, values| {
+            let z0 = (slab * SLAB) as u32;
             let z1 = z0 + (values.len() / slice) as u32;
-            for (i, triangle) in corners.iter().enumerate() {
-                let bounds = Aabb::from_points(*triangle).dilated(band);
-                let cell = |p: Vec3| (p.as_dvec3() - self.origin) / self.spacing;
-                let low = cell(bounds.min).ceil().max(DVec3::ZERO).as_uvec3();
-                let high = (cell(bounds.max).floor() + 1.0).max(DVec3::ZERO).as_uvec3().min(dims);
+            for (i, &(low, high)) in boxes.iter().enumerate() {
                 let (low, high) = (low.with_z(low.z.max(z0)), high.with_z(high.z.min(z1)));
                 if low.cmplt(high).all() {
-                    self.fill_box(low, high, *triangle, i as u32, &mut |p, sample| {
+                    self.fill_box(low, high, corners[i], i as u32, &mut |p, sample| {
                         let place = ((p.z - z0) * dims.y + p.y) as usize * dims.x as usize + p.x as usize;
                         if sample.0 < values[place].0 {
                             values[place] = sample;

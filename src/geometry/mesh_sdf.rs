@@ -275,6 +275,23 @@ mod tests {
     }
 
     #[test]
+    fn samples_do_not_depend_on_threads() {
+        // Of triangles smaller than a cell, as large as some, and larger than whole slabs.
+        for (mesh, cells) in [(ball(0.5, 90), 40.0), (torus(0.6, 0.25, 24), 96.0), (ball(0.5, 6), 96.0)] {
+            let plan = Plan::new(&mesh.bounds(), f64::from(mesh.bounds().size().max_element()) / cells, 0.1);
+            let on = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                pool.install(|| plan.sample(&mesh)).values().iter().map(|d| d.to_bits()).collect::<Vec<_>>()
+            };
+            let one = on(1);
+            for threads in [2, 3, 16] {
+                let differ = one.iter().zip(on(threads)).filter(|(a, b)| **a != *b).count();
+                assert_eq!(differ, 0, "of {} on {threads} threads", one.len());
+            }
+        }
+    }
+
+    #[test]
     fn the_gradient_belongs_to_the_same_field_and_is_nearly_of_length_one() {
         let ring = sampled(&torus(0.6, 0.25, 160), 64.0);
         let h = 1e-5;

@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes whenever equal scenes get other bits, so that `--resume` does not mix old and new frames.
-const PICTURES: &str = "2026-11-23 j";
+const PICTURES: &str = "2026-11-23 k";
 
 /// Hash of everything that all frames depend on.
 pub(super) struct InputHash {
