@@ -274,6 +274,35 @@ fn parts_of_pictures_larger_than_a_scene_may_have_are_refused() {
 
 /// A small file that says that it has a tile far away, and a large one of tiles without end, take no memory to refuse.
 #[test]
+fn heads_with_layers_twice_or_with_lists_of_nothing_are_refused() {
+    let folder = folder_of(SMOKE);
+    folder.expect(0, &["render", "smoke.yaml", "--frames", "1", "--samples", "1-4"]);
+    let whole = fs::read(folder.path("out/smoke.0001.samples-1-4.part")).unwrap();
+    let head_length = u64::from_le_bytes(whole[17..25].try_into().unwrap()) as usize;
+    let head = String::from_utf8(whole[25..25 + head_length].to_vec()).unwrap();
+    let masks = r#"{"Cryptomatte":["a","b"]},{"Cryptomatte":["a"]}"#;
+    let cases = [
+        ("\"layers\":[", format!("\"layers\":[{masks}"), 3, "a layer twice"),
+        ("\"parts\":[", format!("\"parts\":[{{}}{}", ",{}".repeat(200_000)), 6, "memory"),
+    ];
+    for (from, to, code, words) in cases {
+        let at = head.find(from).unwrap_or_else(|| panic!("{from} in {head}")) + from.len();
+        // Whatever stands there already follows.
+        let rest = if head[at..].starts_with(']') { head[at..].to_string() } else { format!(",{}", &head[at..]) };
+        let head = format!("{}{to}{rest}", &head[..at - from.len()]);
+        let mut bytes = whole[..17].to_vec();
+        bytes.extend((head.len() as u64).to_le_bytes());
+        bytes.extend(head.as_bytes());
+        bytes.extend(&whole[25 + head_length..whole.len() - 32]);
+        let hash = sha256(&bytes);
+        bytes.extend((0..32).map(|k| u8::from_str_radix(&hash[2 * k..2 * k + 2], 16).unwrap()));
+        fs::write(folder.path("hostile.part"), bytes).unwrap();
+        let arguments = ["merge", "-o", "merged.exr", "--memory-limit", "0.1", "-j", "1", "hostile.part"];
+        contains(&folder.expect(code, &arguments)[1], &[words]);
+    }
+}
+
+#[test]
 fn hostile_parts_keep_to_the_memory_limit() {
     let folder = folder_of(SMOKE);
     folder.expect(0, &["render", "smoke.yaml", "--frames", "1", "--samples", "1-4"]);

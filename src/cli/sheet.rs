@@ -55,9 +55,12 @@ pub(super) fn run(arguments: &SheetArguments) -> Result<u8, Error> {
     }
     check_writable(output)?;
     let limit = arguments.memory_limit.bytes();
-    let (mut cells, mut pictures, mut held) = (Vec::new(), Vec::new(), 0);
+    /// A pixel as it was read and on its way to the screen [bytes].
+    const PIXEL_BYTES: u64 = 52;
+    let (mut cells, mut pictures, mut held) = (Vec::new(), Vec::new(), 0u64);
     for path in &arguments.images {
         let image = read_image(path, limit.saturating_sub(held))?;
+        check_memory(path, held.saturating_add(PIXEL_BYTES * image.pixel_count() as u64), limit)?;
         let label = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         // What is on the screen already stays as it is.
         let is_shown = crate::output::extension(path) == "png";

@@ -89,6 +89,10 @@ fn expanded(item: &str) -> Result<Vec<String>, String> {
             }
         }
     };
+    let span = if is_log { b / a } else { b - a };
+    if !(span.is_finite() && (span > 0.0 || !is_log)) {
+        return Err("the ends are too far apart".into());
+    }
     let parts = (count - 1).max(1) as f64;
     let ratio = (b / a).powf(1.0 / parts);
     let value = |i: usize| match i {
@@ -204,6 +208,9 @@ mod tests {
             ("a.b=0..1:1", "2 to 1000"),
             ("a.b=0..1:x", "2 to 1000"),
             ("a.b=0..1:4:log", "above 0"),
+            ("a.b=1e-200..1e200:3:log", "too far apart"),
+            ("a.b=1e200..1e-200:3:log", "too far apart"),
+            ("a.b=-1e308..1e308:3", "too far apart"),
             ("a.b=1..2:4:cubic", "`cubic`"),
         ];
         for (text, part) in cases {

@@ -140,7 +140,7 @@ impl Plan {
         // Without a frame the first scene has faults, which are told below.
         let first = || Some(load(cells().next()?, Some(&[])).ok()?.settings.frames.first);
         let frame = arguments.common.frame.or_else(first);
-        let listed = frame.as_ref().map(std::slice::from_ref);
+        let listed = Some(frame.as_slice());
         let (made, faults) = gathered(cells().map(|cell| {
             let load = || {
                 let scene = load(cell, listed)?;

@@ -20,7 +20,7 @@ pub struct ExactSums<const LANES: usize> {
 
 /// Exponent of the least square of a number in single precision.
 const LEAST: i32 = -298;
-/// Digits of a sum: the largest squares end in the 19th.
+/// Digits of a sum: sums of the largest squares end in the 19th.
 const DIGITS: usize = 19;
 
 /// A whole multiple of 2⁻²⁹⁸: digits of 32 bits, the last one with the sign and with whatever is above.

@@ -15,6 +15,7 @@ use crate::render::layers::Layer;
 use crate::render::ledger::{Canvas, Tile};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
@@ -27,8 +28,9 @@ const MAGIC: &[u8; 17] = b"curlsmoke part 2\n";
 const HASH_LENGTH: u64 = 32;
 /// Longest head that is read [bytes]: names of shapes make up most of it.
 const HEAD_MAX: u64 = 64 << 20;
-/// Memory that a head takes for each byte of its text, at most [bytes].
-const HEAD_FACTOR: u64 = 16;
+/// Memory that a head takes for each byte of its text, at most, and the sums of a pixel for its layers [bytes]: three bytes are
+/// an empty entry of a list of parts.
+const HEAD_FACTOR: u64 = 256;
 /// Shortest tile, of which there is one pixel [bytes].
 const TILE_MIN: u64 = 33;
 /// Largest edge of a tile that is read [pixels].
@@ -102,6 +104,10 @@ impl Head {
         }
         if self.samples.is_some_and(|[first, last]| first < 1 || first > last || last > self.spp) {
             return Some("its paths are not those of the picture");
+        }
+        let mut names = HashSet::new();
+        if !self.layers.iter().flat_map(Layer::channels).all(|name| names.insert(name)) {
+            return Some("it has a layer twice");
         }
         None
     }
@@ -248,6 +254,11 @@ impl PartFile {
         }
         let identity = Identity::of(&file).map_err(unreadable)?;
         Ok(Self { path: path.into(), head, identity, memory_limit, places })
+    }
+
+    /// Memory that it takes to know where its tiles are [bytes].
+    pub fn memory_bytes(&self) -> u64 {
+        (self.places.capacity() * size_of::<TilePlace>()) as u64
     }
 
     /// Tiles in the file, and in the picture.

@@ -41,9 +41,11 @@ pub fn merge(
     on_frame: &mut dyn FnMut(&PathBuf, &Sidecar),
 ) -> Result<(), Error> {
     let mut frames: BTreeMap<i32, Vec<PartFile>> = BTreeMap::new();
+    let mut held = 0;
     for path in &job.parts {
-        let part = PartFile::open(path, job.memory_limit)?;
+        let part = PartFile::open(path, job.memory_limit.saturating_sub(held))?;
         part.check_memory()?;
+        held += part.memory_bytes();
         frames.entry(part.head.record.frame).or_default().push(part);
     }
     for parts in frames.values_mut() {

@@ -5,7 +5,7 @@ use crate::progress::Progress;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
-use std::sync::mpsc;
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread;
 use std::time::Duration;
 
@@ -28,18 +28,27 @@ pub fn run(line: &str, folder: &Path, progress: &dyn Progress) -> Result<(ExitSt
     let mut command = Command::new("sh");
     command.arg("-c").arg(line).current_dir(folder).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn().map_err(failed)?;
-    let (sender, said) = mpsc::channel();
+    let said = Arc::new(Mutex::new(Said::default()));
+    let (sender, ended) = mpsc::channel::<()>();
     if let Some(stream) = child.stderr.take() {
+        let said = Arc::clone(&said);
         let listen = move || {
-            // Nobody waits where the command was stopped.
-            let _ = sender.send(telling(stream));
+            listen_to(stream, &said);
+            drop(sender);
         };
         thread::Builder::new().name("command".into()).spawn(listen).map_err(failed)?;
     }
     loop {
         if let Some(status) = child.try_wait().map_err(failed)? {
-            let text = said.recv_timeout(PATIENCE).unwrap_or_default();
-            return Ok((status, if text.is_empty() { "it said nothing".into() } else { text }));
+            // A key that stops the program stops what it has started too, and that may be the first to be noticed.
+            if !status.success() && progress.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            // Either there is no more, or it is not waited for.
+            let _ = ended.recv_timeout(PATIENCE);
+            let Said { first, last } = said.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            let text = first.or(last).unwrap_or_else(|| "it said nothing".into());
+            return Ok((status, text));
         }
         if progress.is_cancelled() {
             // One that has just ended by itself cannot be ended.
@@ -51,18 +60,28 @@ pub fn run(line: &str, folder: &Path, progress: &dyn Progress) -> Result<(ExitSt
     }
 }
 
-/// The first line with an error, or else the last one.
-fn telling(stream: impl Read) -> String {
+/// What a command has said.
+#[derive(Debug, Clone, Default)]
+struct Said {
+    /// The first line with an error.
+    first: Option<String>,
+    /// The last line with anything.
+    last: Option<String>,
+}
+
+/// Keeps of a stream, to its end, what tells most.
+fn listen_to(stream: impl Read, said: &Mutex<Said>) {
     let mut lines = BufReader::new(stream);
-    let (mut first, mut last) = (None, String::new());
-    loop {
-        let mut line = Vec::new();
-        match lines.by_ref().take(LINE_MAX).read_until(b'\n', &mut line) {
-            Err(_) | Ok(0) => return first.unwrap_or(last),
-            Ok(_) => last = String::from_utf8_lossy(&line).trim_end().to_string(),
-        }
-        if first.is_none() && last.contains("error") {
-            first = Some(last.clone());
+    let mut line = Vec::new();
+    while matches!(lines.by_ref().take(LINE_MAX).read_until(b'\n', &mut line), Ok(1..)) {
+        let text = String::from_utf8_lossy(&line).trim_end().to_string();
+        line.clear();
+        if !text.is_empty() {
+            let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
+            if said.first.is_none() && text.contains("error") {
+                said.first = Some(text.clone());
+            }
+            said.last = Some(text);
         }
     }
 }
@@ -71,6 +90,7 @@ fn telling(stream: impl Read) -> String {
 mod tests {
     use super::*;
     use crate::progress::Silent;
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Instant;
 
     /// Somebody who wants to stop.
@@ -79,6 +99,19 @@ mod tests {
     impl Progress for Impatient {
         fn is_cancelled(&self) -> bool {
             true
+        }
+    }
+
+    /// Somebody who wants to stop from the second question on, and takes a second to say so.
+    struct Late(AtomicBool);
+
+    impl Progress for Late {
+        fn is_cancelled(&self) -> bool {
+            let was_asked = self.0.swap(true, Ordering::Relaxed);
+            if !was_asked {
+                thread::sleep(Duration::from_secs(1));
+            }
+            was_asked
         }
     }
 
@@ -91,6 +124,9 @@ mod tests {
         assert_eq!(said("echo first >&2; echo an error: here >&2; echo last >&2"), "an error: here");
         assert_eq!(said("echo first >&2; echo last >&2"), "last");
         assert_eq!(said("echo to nobody"), "it said nothing");
+        assert_eq!(said("printf 'cannot open a.exr\n\n \n' >&2; exit 1"), "cannot open a.exr");
+        // What it leaves holds on to the stream.
+        assert_eq!(said("sleep 60 & echo broken >&2; exit 3"), "broken");
         let long = said("head -c 3000000 /dev/zero | tr '\\0' x >&2");
         assert!(long.len() <= LINE_MAX as usize && long.starts_with('x'), "{}", long.len());
         assert!(!run("exit 3", Path::new("."), &Silent).unwrap().0.success());
@@ -100,6 +136,9 @@ mod tests {
     fn a_command_ends_with_the_program_and_is_not_waited_for_by_what_it_leaves() {
         let start = Instant::now();
         assert!(run("sleep 60", Path::new("."), &Impatient).unwrap_err().is_cancelled());
+        // Stopped by the same key, before anybody asks.
+        let stopped = Late(false.into());
+        assert!(run("sleep 0.2; kill -INT $$", Path::new("."), &stopped).unwrap_err().is_cancelled());
         assert!(run("sleep 60 & exit 0", Path::new("."), &Silent).unwrap().0.success());
         assert!(start.elapsed() < Duration::from_secs(30));
     }

@@ -397,10 +397,11 @@ pub struct PathCounts {
 impl PathCounts {
     /// Adds another count.
     pub fn add(&mut self, other: &Self) {
-        self.traced += other.traced;
-        self.truncated += other.truncated;
+        // What files say may be anything.
+        self.traced = self.traced.saturating_add(other.traced);
+        self.truncated = self.truncated.saturating_add(other.truncated);
         self.truncated_throughput += other.truncated_throughput;
-        self.bounces += other.bounces;
+        self.bounces = self.bounces.saturating_add(other.bounces);
     }
 }
 
