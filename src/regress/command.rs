@@ -90,7 +90,7 @@ fn listen_to(stream: impl Read, said: &Mutex<Said>) {
 mod tests {
     use super::*;
     use crate::progress::Silent;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::path::PathBuf;
     use std::time::Instant;
 
     /// Somebody who wants to stop.
@@ -102,16 +102,16 @@ mod tests {
         }
     }
 
-    /// Somebody who wants to stop from the second question on, and takes a second to say so.
-    struct Late(AtomicBool);
+    /// Somebody who wants to stop once there is a file, and is slow to say that there is none.
+    struct Late(PathBuf);
 
     impl Progress for Late {
         fn is_cancelled(&self) -> bool {
-            let was_asked = self.0.swap(true, Ordering::Relaxed);
-            if !was_asked {
+            let is_there = self.0.exists();
+            if !is_there {
                 thread::sleep(Duration::from_secs(1));
             }
-            was_asked
+            is_there
         }
     }
 
@@ -137,8 +137,11 @@ mod tests {
         let start = Instant::now();
         assert!(run("sleep 60", Path::new("."), &Impatient).unwrap_err().is_cancelled());
         // Stopped by the same key, before anybody asks.
-        let stopped = Late(false.into());
-        assert!(run("sleep 0.2; kill -INT $$", Path::new("."), &stopped).unwrap_err().is_cancelled());
+        let marker = std::env::temp_dir().join(format!("curlsmoke-command-{}", std::process::id()));
+        let line = format!("sleep 0.5; touch {}; kill -INT $$", marker.display());
+        let stopped = run(&line, Path::new("."), &Late(marker.clone()));
+        std::fs::remove_file(&marker).unwrap();
+        assert!(stopped.unwrap_err().is_cancelled());
         assert!(run("sleep 60 & exit 0", Path::new("."), &Silent).unwrap().0.success());
         assert!(start.elapsed() < Duration::from_secs(30));
     }
