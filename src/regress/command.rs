@@ -138,7 +138,7 @@ mod tests {
         assert!(run("sleep 60", Path::new("."), &Impatient).unwrap_err().is_cancelled());
         // Stopped by the same key, before anybody asks.
         let marker = std::env::temp_dir().join(format!("curlsmoke-command-{}", std::process::id()));
-        let line = format!("sleep 0.5; touch {}; kill -INT $$", marker.display());
+        let line = format!("sleep 0.5; touch {}; exit 130", marker.display());
         let stopped = run(&line, Path::new("."), &Late(marker.clone()));
         std::fs::remove_file(&marker).unwrap();
         assert!(stopped.unwrap_err().is_cancelled());
