@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Output {
-    /// Picture in linear light, .exr. Default out/{scene}.####.exr.
+    /// Picture in linear light, .exr: colours in half precision, right to one in 4096, data in single precision. Default out/{scene}.####.exr.
     pub image: String,
     /// How the pixels of the picture are packed. Default zips.
     pub compression: Compression,
