@@ -272,7 +272,6 @@ fn parts_of_pictures_larger_than_a_scene_may_have_are_refused() {
     }
 }
 
-/// A small file that says that it has a tile far away, and a large one of tiles without end, take no memory to refuse.
 #[test]
 fn heads_with_layers_twice_or_with_lists_of_nothing_are_refused() {
     let folder = folder_of(SMOKE);
@@ -302,6 +301,7 @@ fn heads_with_layers_twice_or_with_lists_of_nothing_are_refused() {
     }
 }
 
+/// A small file that says that it has a tile far away, and a large one of tiles without end, take no memory to refuse.
 #[test]
 fn hostile_parts_keep_to_the_memory_limit() {
     let folder = folder_of(SMOKE);
